@@ -29,7 +29,7 @@ from fgpose.kinematics.definitions import angles_of
 from fgpose.trajectory import Status, Trajectory
 from fgpose_benchmarks.accuracy.families import Variant, find_variant
 from fgpose_benchmarks.accuracy.variants import MAX_FRAMES, TEST_CLIPS, TUNING_CLIPS, record
-from fgpose_benchmarks.comparison.recording import Recording
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, embedded_motion, ring_rig, simulate
 from fgpose_factors import projection_residual
 
@@ -61,7 +61,7 @@ class Leg:
     seen: Bool[np.ndarray, "camera frame 3"]
 
     @staticmethod
-    def of(recording: Recording, variant: Variant, side: str) -> Leg:
+    def of(recording: BenchmarkRecording, variant: Variant, side: str) -> Leg:
         """Raises ValueError: nobody knows what is hidden in the recording."""
         observations, rig = recording.oracle_observations, recording.true_rig
         if observations is None or recording.sigma_px is None:

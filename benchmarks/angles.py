@@ -25,7 +25,7 @@ from fgpose.trajectory import Status, Trajectory
 from fgpose_benchmarks.accuracy.families import find_variant
 from fgpose_benchmarks.accuracy.methods import find_methods, methods
 from fgpose_benchmarks.accuracy.variants import TEST_CLIPS, record
-from fgpose_benchmarks.comparison.recording import Recording, Result
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording, MethodResult
 
 _LOST_M = 0.1  # a joint that is farther off was lost for a while, and would count for all others
 
@@ -33,7 +33,7 @@ Scores = dict[str, list[np.ndarray]]
 """Errors and standard deviations in degrees, (2, frame), by the name of the angle without its side."""
 
 
-def scored(recording: Recording, result: Result, given: Sequence[str], scores: Scores) -> None:
+def scored(recording: BenchmarkRecording, result: MethodResult, given: Sequence[str], scores: Scores) -> None:
     """Add the errors of one recording, some joints at their true places."""
     known = [recording.observations.skeleton.index(joint) for joint in given]
     positions_m = result.positions_m.copy()
@@ -48,7 +48,7 @@ def scored(recording: Recording, result: Result, given: Sequence[str], scores: S
         scores["all"].append(pairs)
 
 
-def _angles(recording: Recording, positions_m: np.ndarray, covariance_m2: np.ndarray | None) -> JointAngles:
+def _angles(recording: BenchmarkRecording, positions_m: np.ndarray, covariance_m2: np.ndarray | None) -> JointAngles:
     status = np.full(positions_m.shape[:2], int(Status.OBSERVED))
     time_s = np.arange(len(positions_m)) / recording.fps
     trajectory = Trajectory(recording.observations.skeleton, time_s, positions_m.copy(), status)
@@ -82,7 +82,7 @@ class SharedErrors:
     products_m2: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Of the errors at both ends of a bone, across it: of both, of the one, and of the other."""
 
-    def add(self, recording: Recording, result: Result) -> None:
+    def add(self, recording: BenchmarkRecording, result: MethodResult) -> None:
         """Add those of one recording. Raises ValueError if the method states no covariances."""
         if result.covariance_m2 is None:
             raise ValueError("the method states no covariances")

@@ -38,7 +38,7 @@ _N_WORST = 50
 
 
 @dataclass
-class Result:
+class DistanceResult:
     """Of what was simulated so far."""
 
     n_sessions: int = 0
@@ -77,7 +77,7 @@ class Result:
         """No more are larger than the truth than their quantile allows, and there is no silence."""
         return self.too_large <= 1 - CELL.limits.quantile and self.longest_silence_s <= SILENCE_S
 
-    def add(self, other: Result) -> None:
+    def add(self, other: DistanceResult) -> None:
         """What was simulated elsewhere."""
         for name, value in asdict(other).items():
             own = getattr(self, name)
@@ -97,7 +97,7 @@ class Judge:
         result: to which it is added.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, result: Result) -> None:
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, result: DistanceResult) -> None:
         self._monitor, self._skeleton, self.result = DistanceMonitor(CELL, rig, skeleton), skeleton, result
         self._there_since_s: dict[int, float] = {}
         self._reasons = Counter(result.reasons)

@@ -18,7 +18,15 @@ import numpy as np
 import fgpose
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import Detections
-from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
+from fgpose_benchmarks.synthetic import (
+    SimulatedClocks,
+    SimulatedNetwork,
+    WalkScene,
+    film,
+    positions_at,
+    ring_rig,
+    walkers,
+)
 
 _STARTS, _LONGEST_S, _NEAR_M = 12, 3.0, 0.3
 _ROOM_M = (5.0, 5.0)
@@ -28,7 +36,7 @@ def scene(n_cameras: int, n_people: int, rate_hz: float, seed: int) -> WalkScene
     """People before cameras that take images at one rate, each at its own time."""
     rig = ring_rig(n_cameras, 4.5, 2.5, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
     motion = walkers(_ROOM_M, 2.0 * _STARTS + _LONGEST_S, seed, "walks", n_people)
-    return film(motion, rig, seed, Network(in_3d=False), Clocks(fps=(rate_hz,), max_start_s=0.0))
+    return film(motion, rig, seed, SimulatedNetwork(in_3d=False), SimulatedClocks(fps=(rate_hz,), max_start_s=0.0))
 
 
 def moments(walk: WalkScene, from_s: float, rate_hz: float) -> Iterator[list[Detections]]:

@@ -22,25 +22,25 @@ import tyro
 from rich.progress import track
 
 import fgpose
-from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
+from distance_truth import CELL, RESET_EVERY_S, DistanceResult, Judge, world_T_arm
 from fgpose.live.frame import LiveFrame
 from fgpose.robot.assurance import FOUND_S
 from fgpose.robot.distances import DistanceMonitor
-from live_soak_plan import Plan
-from live_soak_run import START_S, Soak
+from live_soak_plan import SoakPlan
+from live_soak_run import START_S, LiveSoak
 from simulated_visitors import made_clips, room_rig
 
 _VISIT_S, _RATE_HZ, _LOCKED_UP_S = 12.0, 8.0, 300.0
 _ROBOT_FAULTS = ("none", "stops", "late", "ahead", "scaled")
 
 
-class DistanceSoak(Soak):
+class DistanceSoak(LiveSoak):
     """The live system under trouble, and a robot beside it."""
 
     def __init__(self, *args: Any, seed: int, **options: Any) -> None:
         super().__init__(*args, seed=seed, **options)
         rig, skeleton = self.tracking.rig, self.tracking.skeleton
-        self.monitor, self.result = DistanceMonitor(CELL, rig, skeleton), Result()
+        self.monitor, self.result = DistanceMonitor(CELL, rig, skeleton), DistanceResult()
         self._judge = Judge(rig, skeleton, self.result)
         self._seed, self._reset_s = seed, -math.inf
 
@@ -105,11 +105,11 @@ class DistanceSoak(Soak):
         return self._clips[visit.clip].truth_m((number - visit.first) / _RATE_HZ)
 
 
-def simulate(minutes: int, seed: int) -> Result:
+def simulate(minutes: int, seed: int) -> DistanceResult:
     """So many minutes, with a progress bar."""
     rig, config = room_rig(), fgpose.Config(online={"lag_s": 0.3}, tracking={"max_processes": 1})
     clips = made_clips(rig, _VISIT_S, _RATE_HZ, seed)
-    plan = Plan(clips, rig.names, _RATE_HZ, START_S, seed)
+    plan = SoakPlan(clips, rig.names, _RATE_HZ, START_S, seed)
     run = DistanceSoak(rig, clips, plan, _RATE_HZ, seed=seed + 1, config=config)
     try:
         for minute in track(range(minutes), "simulated minutes"):

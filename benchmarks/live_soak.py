@@ -25,9 +25,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 import fgpose
-from live_soak_plan import KINDS, Plan
-from live_soak_run import START_S, Comparison, Outcome, Soak, Usual
-from simulated_visitors import Clip, made_clips, room_rig
+from live_soak_plan import KINDS, SoakPlan
+from live_soak_run import START_S, Comparison, FaultOutcome, LiveSoak, Usual
+from simulated_visitors import SimulatedClip, made_clips, room_rig
 from timing import resident_memory_mb
 
 _VISIT_S = 12.0
@@ -54,7 +54,7 @@ class Minute:
 
 
 @dataclass
-class Result:
+class LiveSoakResult:
     """Of what was simulated so far."""
 
     hours: float
@@ -64,7 +64,7 @@ class Result:
     """Without faults."""
     real_s: float = 0.0
     minutes: list[Minute] = field(default_factory=list)
-    outcomes: list[Outcome] = field(default_factory=list)
+    outcomes: list[FaultOutcome] = field(default_factory=list)
     alarms: list[str] = field(default_factory=list)
     """The first times that a camera without a fault was not ok."""
     n_alarms: int = 0
@@ -79,14 +79,14 @@ class Result:
     """Criteria."""
 
 
-def soak(hours: float, seed: int, rate_hz: float, done: Callable[[Result, int], None]) -> Result:
+def soak(hours: float, seed: int, rate_hz: float, done: Callable[[LiveSoakResult, int], None]) -> LiveSoakResult:
     """Simulate so many hours; done is called after each minute."""
     rig = room_rig()
     clips = made_clips(rig, _VISIT_S, rate_hz, seed)
     usual = _calm(clips, seed, rate_hz)
     calm_mm = 1e3 * float(np.nanmean(np.concatenate([each.error_m.ravel() for each in usual])))
-    result = Result(hours, seed, rate_hz, calm_mm)
-    run = Soak(rig, clips, Plan(clips, rig.names, rate_hz, START_S, seed), rate_hz, seed + 1, _CONFIG, usual)
+    result = LiveSoakResult(hours, seed, rate_hz, calm_mm)
+    run = LiveSoak(rig, clips, SoakPlan(clips, rig.names, rate_hz, START_S, seed), rate_hz, seed + 1, _CONFIG, usual)
     began_s = time.monotonic()
     try:
         for minute in range(round(60 * hours)):
@@ -108,10 +108,10 @@ def soak(hours: float, seed: int, rate_hz: float, done: Callable[[Result, int], 
     return result
 
 
-def _calm(clips: list[Clip], seed: int, rate_hz: float) -> list[Usual]:
+def _calm(clips: list[SimulatedClip], seed: int, rate_hz: float) -> list[Usual]:
     """Each clip without faults, a few times."""
     rig = room_rig()
-    run = Soak(rig, clips, Plan(clips, rig.names, rate_hz, START_S, seed, ()), rate_hz, seed, _CONFIG)
+    run = LiveSoak(rig, clips, SoakPlan(clips, rig.names, rate_hz, START_S, seed, ()), rate_hz, seed, _CONFIG)
     for minute in range(_CALM_ROUNDS * len(clips)):
         run.run_minute(minute)
     run.close()
@@ -122,13 +122,13 @@ def _minute(cpu_s: float) -> Minute:
     return Minute(resident_memory_mb(), threading.active_count(), len(os.listdir("/proc/self/fd")), cpu_s)
 
 
-def growth(result: Result) -> float:
+def growth(result: LiveSoakResult) -> float:
     """Median resident memory of the last tenth over that of the second; NaN: too short."""
     tenths = np.array_split(np.array([minute.memory_mb for minute in result.minutes]), 10)
     return float(np.median(tenths[-1]) / np.median(tenths[1])) if len(result.minutes) >= 10 else np.nan
 
 
-def missed(result: Result) -> list[str]:
+def missed(result: LiveSoakResult) -> list[str]:
     """The criteria that do not hold."""
     reasons = []
     if growth(result) > _MOST_GROWTH:
@@ -163,7 +163,7 @@ def together(comparisons: list[Comparison]) -> Comparison:
     return total
 
 
-def table(result: Result) -> str:
+def table(result: LiveSoakResult) -> str:
     """One row for each kind of fault, in Markdown."""
     heads = (
         "fault",
@@ -188,7 +188,7 @@ def table(result: Result) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def summary(result: Result) -> str:
+def summary(result: LiveSoakResult) -> str:
     """The rest of the figures."""
     memory_mb = [minute.memory_mb for minute in result.minutes]
     last = result.minutes[-1]
@@ -209,7 +209,7 @@ def _ratio(comparison: Comparison) -> str:
     return f"{comparison.error_mm / comparison.usual_mm:.3f}" if comparison.n else ""
 
 
-def _write(result: Result, path: Path) -> None:
+def _write(result: LiveSoakResult, path: Path) -> None:
     partial = path.with_suffix(".partial")
     partial.write_text(json.dumps(asdict(result), indent=1) + "\n", encoding="utf-8")
     partial.replace(path)
@@ -236,7 +236,7 @@ def main(hours: float = 24.0, seed: int = 1, rate_hz: float = 8.0, output: Path 
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("", total=round(60 * hours))
 
-        def done(result: Result, n_minutes: int) -> None:
+        def done(result: LiveSoakResult, n_minutes: int) -> None:
             progress.update(task, completed=n_minutes)
             if n_minutes % 60 == 0:
                 _write(result, output)

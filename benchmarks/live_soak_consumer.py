@@ -13,7 +13,7 @@ from fgpose.live.outputs.frame_messages import encode_frame
 ConsumerFault = Literal["consumer dies", "consumer hangs"]
 
 
-class Consumer:
+class SimulatedConsumer:
     """Takes frames as messages. Outputs work in real time: a fault lasts until the output says so."""
 
     def __init__(self) -> None:

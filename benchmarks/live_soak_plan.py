@@ -9,10 +9,10 @@ from typing import TypeGuard, get_args
 import numpy as np
 
 from live_soak_consumer import ConsumerFault
-from simulated_cameras import CameraFault, Fault
-from simulated_visitors import Clip, Visit
+from simulated_cameras import CameraFaultKind, PlayedFault
+from simulated_visitors import SimulatedClip, Visit
 
-KINDS = (*get_args(CameraFault), "tracker", "estimator", *get_args(ConsumerFault))
+KINDS = (*get_args(CameraFaultKind), "tracker", "estimator", *get_args(ConsumerFault))
 """In the order in which they come, a minute each. tracker: it raises. estimator: a process of estimators is killed."""
 _LONG_PAUSE = 30, 60
 """Minutes of each hour in which nobody comes: longer than people who were lost are remembered."""
@@ -28,11 +28,11 @@ class Trouble:
     cameras: tuple[str, ...]
     begin_s: float
     end_s: float
-    fault: Fault | None
+    fault: PlayedFault | None
     """None: it is not of a camera."""
 
 
-class Plan:
+class SoakPlan:
     """A visit in most minutes, and in each a fault, three of four while somebody is there.
 
     Args:
@@ -46,7 +46,7 @@ class Plan:
 
     def __init__(
         self,
-        clips: Sequence[Clip],
+        clips: Sequence[SimulatedClip],
         camera_names: Sequence[str],
         rate_hz: float,
         start_s: float,
@@ -84,7 +84,7 @@ class Plan:
         n = _N_OF_WORKER if kind == "worker" else 1
         cameras = tuple(rng.choice(self._names, n, replace=False).tolist())
         end_s = begin_s if kind == "clock" else begin_s + duration_s
-        fault = Fault(kind, cameras, self._start_s + begin_s, self._start_s + end_s, seed)
+        fault = PlayedFault(kind, cameras, self._start_s + begin_s, self._start_s + end_s, seed)
         return Trouble(kind, cameras, begin_s, end_s, fault)
 
     def _kind(self, minute: int) -> str:
@@ -94,5 +94,5 @@ class Plan:
         return round(at_s * self._rate_hz)
 
 
-def _is_of_camera(kind: str) -> TypeGuard[CameraFault]:
-    return kind in get_args(CameraFault)
+def _is_of_camera(kind: str) -> TypeGuard[CameraFaultKind]:
+    return kind in get_args(CameraFaultKind)

@@ -21,10 +21,10 @@ from fgpose.live.system import LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people_observations import Detections
-from live_soak_consumer import Consumer
-from live_soak_plan import Plan, Trouble
-from simulated_cameras import Fault, SimulatedCameras
-from simulated_visitors import Clip, Visitors
+from live_soak_consumer import SimulatedConsumer
+from live_soak_plan import SoakPlan, Trouble
+from simulated_cameras import PlayedFault, SimulatedCameras
+from simulated_visitors import SimulatedClip, Visitors
 
 START_S = 1.7e9
 # After a fault is over, estimates must be as good as without it.
@@ -47,7 +47,7 @@ class Comparison:
 
 
 @dataclass
-class Outcome:
+class FaultOutcome:
     """Of a fault. Times are seconds after its beginning or end; None: it never was."""
 
     kind: str
@@ -70,7 +70,7 @@ class Usual:
     sigma_m: np.ndarray
 
 
-class Soak:
+class LiveSoak:
     """The system under trouble. It takes its own frames.
 
     Args:
@@ -86,8 +86,8 @@ class Soak:
     def __init__(
         self,
         rig: CameraRig,
-        clips: Sequence[Clip],
-        plan: Plan,
+        clips: Sequence[SimulatedClip],
+        plan: SoakPlan,
         rate_hz: float,
         seed: int,
         config: fgpose.Config,
@@ -99,10 +99,10 @@ class Soak:
         self.feed = SimulatedCameras(rig, clock, self.visitors.seen, rate_hz, config.online.lag_s, seed)
         skeleton = clips[0].scene.motion.skeleton
         self.tracking = LiveTracking(rig, skeleton, config, volume_points_m(rig))
-        self.consumer = Consumer()
+        self.consumer = SimulatedConsumer()
         outputs = (self.consumer.output, self)
         self.system = LiveSystem(self.feed, self.tracking, outputs, (), clock)
-        self.outcome: Outcome | None = None
+        self.outcome: FaultOutcome | None = None
         self.scored: list[list[tuple[int, np.ndarray, np.ndarray]]] = [[] for _ in clips]
         """Of each clip without faults: image, errors and standard deviations."""
         self.alarms: list[str] = []
@@ -116,14 +116,14 @@ class Soak:
         self._n_failures = 0
         self._process_id: int | None = None
 
-    def run_minute(self, minute: int) -> Outcome | None:
+    def run_minute(self, minute: int) -> FaultOutcome | None:
         """Simulate a minute, and tell what came of its fault."""
         self._trouble, self._began, self._ended = self.plan.trouble(minute), False, False
         self.outcome = None
         if self._trouble is not None:
             trouble = self._trouble
-            self.outcome = Outcome(trouble.kind, trouble.cameras, trouble.begin_s, trouble.end_s)
-            if isinstance(trouble.fault, Fault):
+            self.outcome = FaultOutcome(trouble.kind, trouble.cameras, trouble.begin_s, trouble.end_s)
+            if isinstance(trouble.fault, PlayedFault):
                 self.feed.add(trouble.fault)
         with warnings.catch_warnings():
             warnings.simplefilter("always")
@@ -183,7 +183,7 @@ class Soak:
         elif outcome.noticed_s is None and self._is_mended(trouble.kind):
             outcome.noticed_s, outcome.rejoined_s = now_s - trouble.begin_s, 0.0
 
-    def _look_at_consumer(self, kind: Any, outcome: Outcome, now_s: float) -> None:
+    def _look_at_consumer(self, kind: Any, outcome: FaultOutcome, now_s: float) -> None:
         is_working = self.consumer.output.state.is_working
         if outcome.rejoined_s is None:
             # Outputs work in real time, and a simulated minute may be over in one second.
@@ -250,7 +250,7 @@ def _compare(to: Comparison, error_m: np.ndarray, sigma_m: np.ndarray, usual: Us
         to.usual_sigma_mm += 1e3 * float(usual.sigma_m[image, person])
 
 
-def _usual(clip: Clip, scored: list[tuple[int, np.ndarray, np.ndarray]]) -> Usual:
+def _usual(clip: SimulatedClip, scored: list[tuple[int, np.ndarray, np.ndarray]]) -> Usual:
     means = []
     for column in (1, 2):
         mean_m = np.full((clip.n_images, clip.scene.motion.n_people), np.nan)

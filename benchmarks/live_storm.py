@@ -24,21 +24,21 @@ import tyro
 from rich.progress import track
 
 import fgpose
-from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
+from distance_truth import CELL, RESET_EVERY_S, DistanceResult, Judge, world_T_arm
 from fgpose.io.atomic import write_text
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraStatus, LiveFrame
-from fgpose.live.processes.arrivals import Arrivals
+from fgpose.live.processes.pending_detections import PendingDetections
 from fgpose.live.system import LiveSystem
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.robot.assurance import FOUND_S
 from fgpose.robot.distances import DistanceMonitor
 from fgpose.robot.robot_poses import measured
-from simulated_visitors import Clip, Visit, room_rig
-from storm_plan import GROUPS, Fault, Session, session
+from simulated_visitors import SimulatedClip, Visit, room_rig
+from storm_plan import GROUPS, PlannedFault, StormSession, session
 from storm_reception import Reception
-from storm_senders import Senders
+from storm_senders import StormSenders
 from storm_visitors import StandInTracker, StandInTracking, StormVisitors
 from timeline import Timeline
 
@@ -65,8 +65,8 @@ class Storm:
         result: of the first of them, to which that of the others is added.
     """
 
-    def __init__(self, seed: int, result: Result | None = None) -> None:
-        self._seed, self.result = seed, result or Result()
+    def __init__(self, seed: int, result: DistanceResult | None = None) -> None:
+        self._seed, self.result = seed, result or DistanceResult()
         self.rig, self.clips = room_rig(), made_clips(seed)
         self._volume_m = volume_points_m(self.rig)
         self._kinds = Counter(self.result.faults)
@@ -83,7 +83,7 @@ class Storm:
         first = round((60.0 * minute + float(rng.uniform(_NOBODY_S, 60.0 - _VISIT_S))) * _RATE_HZ)
         return Visit(int(rng.integers(len(self.clips))), first)
 
-    def count(self, done: Session) -> None:
+    def count(self, done: StormSession) -> None:
         """A session is over."""
         self._kinds.update(fault.kind for fault in done.faults)
         self._kinds.update(kind for kind, _ in done.start.values())
@@ -93,9 +93,9 @@ class Storm:
 
 
 @functools.cache
-def made_clips(seed: int) -> tuple[Clip, ...]:
+def made_clips(seed: int) -> tuple[SimulatedClip, ...]:
     """Of the people of a storm."""
-    return tuple(Clip.made(room_rig(), n, _VISIT_S, _RATE_HZ, 100 * seed + k) for k, n in enumerate(_N_PEOPLE))
+    return tuple(SimulatedClip.made(room_rig(), n, _VISIT_S, _RATE_HZ, 100 * seed + k) for k, n in enumerate(_N_PEOPLE))
 
 
 class _Session:
@@ -107,9 +107,9 @@ class _Session:
         self._visitors = StormVisitors(storm.clips, _START_S, _RATE_HZ, storm.visit)
         self._timeline = Timeline(self._clock)
         self.plan = session(rig.names, _START_S, SESSION_S, rng)
-        self._arrivals = Arrivals(rig.names)
+        self._arrivals = PendingDetections(rig.names)
         self._reception = Reception(self.plan, rig, skeleton, self._timeline, _LAG_S, self._arrivals.put, rng)
-        self._senders = Senders(self.plan, self._reception, self._visitors, self._timeline, _RATE_HZ, rng)
+        self._senders = StormSenders(self.plan, self._reception, self._visitors, self._timeline, _RATE_HZ, rng)
 
         def new_tracker() -> StandInTracker:
             return StandInTracker(self._visitors, rig, skeleton, self._clock.now_s, rng, self._trouble_tracker)
@@ -119,7 +119,7 @@ class _Session:
         self._system = LiveSystem(self, self._tracking, (self,), (), self._clock)
         self._monitor = DistanceMonitor(CELL, rig, skeleton)
         self._judge = Judge(rig, skeleton, storm.result)
-        self._active: dict[str, Fault] = {}
+        self._active: dict[str, PlannedFault] = {}
         self._published_s, self._held_s = _START_S, 0.0
         """The last frame, and for how long since then the process was stopped or the tracker did not answer."""
 
@@ -157,14 +157,14 @@ class _Session:
         result = self._storm.result
         result.longest_silence_s = max(result.longest_silence_s, duration_s)
 
-    def _begin(self, fault: Fault) -> None:
+    def _begin(self, fault: PlannedFault) -> None:
         self._active[fault.kind] = fault
         if fault.kind == "stopped":
             self._timeline.pause(fault.end_s - fault.begin_s)
             self._held_s += fault.end_s - fault.begin_s
         self._senders.begin_fault(fault)
 
-    def _end(self, fault: Fault) -> None:
+    def _end(self, fault: PlannedFault) -> None:
         self._active.pop(fault.kind, None)
         self._senders.end_fault(fault)
 
@@ -199,7 +199,7 @@ class _Session:
             wait_s = float(self._rng.uniform(*_SPARSE_S)) if is_over else _USUAL_S
         self._timeline.at(now_s + wait_s, self._measure)
 
-    def _recent(self, now_s: float) -> list[Fault]:
+    def _recent(self, now_s: float) -> list[PlannedFault]:
         """Faults that are about to begin, or were over a moment ago."""
         until_s = now_s + _SPARSE_S[1] + _BEFORE_S
         return [
@@ -209,7 +209,7 @@ class _Session:
             and now_s <= fault.end_s + _SETTLES_S + (_CLOCKS_SETTLE_S if fault.kind in GROUPS["clock"] else 0.0)
         ]
 
-    def _in_words(self, recent: list[Fault], now_s: float) -> str:
+    def _in_words(self, recent: list[PlannedFault], now_s: float) -> str:
         """All that is wrong; empty: nothing."""
         words = [
             f"{fault.kind} {','.join(fault.cameras)} {fault.begin_s - _START_S:.2f}-{fault.end_s - _START_S:.2f}"
@@ -221,9 +221,9 @@ class _Session:
         return "; ".join(words)
 
 
-def simulate(session: int, seed: int) -> Result:
+def simulate(session: int, seed: int) -> DistanceResult:
     """One of the sessions of a storm, alone."""
-    storm = Storm(seed, Result(n_sessions=session))
+    storm = Storm(seed, DistanceResult(n_sessions=session))
     storm.run_session()
     return storm.result
 
@@ -243,7 +243,7 @@ def main(hours: float = 1.0, seed: int = 1, output: Path = Path("out/live_storm"
     for _ in track(range(storm.result.n_sessions, math.ceil(hours * 3600 / SESSION_S)), "simulated sessions"):
         storm.run_session()
         write_text(file, json.dumps(asdict(storm.result), indent=1) + "\n")
-    result = Result()
+    result = DistanceResult()
     for each in sorted(output.glob("seed_*.json")):
         result.add(_read(each))
     print(json.dumps(asdict(result), indent=1))
@@ -251,8 +251,8 @@ def main(hours: float = 1.0, seed: int = 1, output: Path = Path("out/live_storm"
     return int(not result.is_good)
 
 
-def _read(file: Path) -> Result:
-    return Result(**json.loads(file.read_text(encoding="utf-8")))
+def _read(file: Path) -> DistanceResult:
+    return DistanceResult(**json.loads(file.read_text(encoding="utf-8")))
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ _CODEC = {"preset": "fast", "crf": "20", "g": "60", "bf": "0"}
 
 
 @dataclass(frozen=True)
-class Run:
+class LiveRun:
     """A run of the live system, all after it had settled."""
 
     name: str
@@ -156,7 +156,7 @@ def busy(n_processes: int) -> Iterator[None]:
 
 def measure(
     name: str, rig: Path, record: Path, skeleton: Skeleton, minutes: float, truth: tuple[np.ndarray, np.ndarray]
-) -> Run:
+) -> LiveRun:
     with socket.socket() as found:
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
@@ -183,7 +183,7 @@ def measure(
     quarter = max(len(delay_s) // 4, 1)
     lasted_s = at_s[-1] - at_s[0]
     percentiles = (1e3 * np.percentile(delay_s, [50, 95, 99])).tolist()
-    return Run(
+    return LiveRun(
         name,
         lasted_s / 60,
         len(delay_s) / lasted_s,
@@ -212,7 +212,7 @@ def _mpjpe_mm(poses: dict[float, np.ndarray], begin_s: float, truth: tuple[np.nd
     return 1e3 * min(errors)
 
 
-def table(runs: Sequence[Run]) -> str:
+def table(runs: Sequence[LiveRun]) -> str:
     lines = [
         "| run | minutes | frames/s | images/s of each camera | median | 95 % | 99 % | first quarter | last quarter | "
         "from the unhurried |",

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.monocular.clips import Clip, Picture
+from fgpose.monocular.clips import Clip, ClipImage
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.sources import Sources
@@ -75,7 +75,7 @@ class OccludedClip(Clip):
     boxes_px: Float[np.ndarray, "image 4"]
     """The person's box in each image: left, top, width, height."""
 
-    def pictures(self, start: int = 0) -> Iterator[Picture]:
+    def pictures(self, start: int = 0) -> Iterator[ClipImage]:
         for picture in super().pictures(start):
             image = picture.image
             for occluder in self.occluders[picture.number]:

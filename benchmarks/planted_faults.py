@@ -26,7 +26,7 @@ RING = ring_rig()
 
 
 @dataclass(frozen=True)
-class Seen:
+class EstimatorInput:
     """What the estimator is given."""
 
     observations: Observations
@@ -44,7 +44,7 @@ def seen_clip(
     fps: float | None = None,
     late_s: float = 0.0,
     drift: float = 0.0,
-) -> Seen:
+) -> EstimatorInput:
     """Four cameras on a clip.
 
     Args:
@@ -72,7 +72,7 @@ def seen_clip(
     points_px = scenes[0].points2d_px.copy()
     points_px[:, faulty(seed)] = scenes[-1].points2d_px[:, faulty(seed)]
     camera = RING.names[faulty(seed)] if late_s or drift else ""
-    return Seen(replace(scenes[0], points2d_px=points_px), RING, camera)
+    return EstimatorInput(replace(scenes[0], points2d_px=points_px), RING, camera)
 
 
 def faulty(seed: int) -> int:
@@ -100,7 +100,7 @@ def _to_and_fro(
     return motion_m, fps, times_s
 
 
-def turned(seen: Seen, angle_deg: float, seed: int) -> Seen:
+def turned(seen: EstimatorInput, angle_deg: float, seed: int) -> EstimatorInput:
     """A camera turned about its centre since the calibration."""
     axis, cameras = np.random.default_rng(seed).standard_normal(3), list(seen.rig.cameras)
     turn = Rotation.from_rotvec(np.deg2rad(angle_deg) * axis / np.linalg.norm(axis)).as_matrix()
@@ -108,10 +108,10 @@ def turned(seen: Seen, angle_deg: float, seed: int) -> Seen:
     world_T_camera = camera.world_T_camera.copy()
     world_T_camera[:3, :3] = turn @ world_T_camera[:3, :3]
     cameras[faulty(seed)] = replace(camera, world_T_camera=world_T_camera)
-    return Seen(seen.observations, CameraRig(tuple(cameras)), camera.name)
+    return EstimatorInput(seen.observations, CameraRig(tuple(cameras)), camera.name)
 
 
-def swapped(seen: Seen, seed: int, *, everywhere: bool = False) -> Seen:
+def swapped(seen: EstimatorInput, seed: int, *, everywhere: bool = False) -> EstimatorInput:
     """Left and right exchanged for 2 s, in one view or in all."""
     points_px = seen.observations.points2d_px.copy()
     during = np.flatnonzero(_during(seen.observations, 2.0))
@@ -121,7 +121,7 @@ def swapped(seen: Seen, seed: int, *, everywhere: bool = False) -> Seen:
     return _with_points(seen, points_px, "" if everywhere else RING.names[faulty(seed)])
 
 
-def swapped_pair(seen: Seen, seed: int) -> Seen:
+def swapped_pair(seen: EstimatorInput, seed: int) -> EstimatorInput:
     """Left and right ankle exchanged in one view for 2 s: nothing else is turned."""
     points_px, skeleton = seen.observations.points2d_px.copy(), seen.observations.skeleton
     during, pair = _during(seen.observations, 2.0), [skeleton.index("left_ankle"), skeleton.index("right_ankle")]
@@ -131,33 +131,33 @@ def swapped_pair(seen: Seen, seed: int) -> Seen:
     return _with_points(seen, points_px, RING.names[faulty(seed)])
 
 
-def other_rig(seen: Seen, seed: int) -> Seen:
+def other_rig(seen: EstimatorInput, seed: int) -> EstimatorInput:
     """All cameras turned by 3 degrees since the calibration, each about another axis."""
     for camera in range(RING.n_cameras):
         seen = turned(seen, 3.0, seed + camera)
     return replace(seen, camera="")
 
 
-def absent(seen: Seen, seed: int) -> Seen:
+def absent(seen: EstimatorInput, seed: int) -> EstimatorInput:
     """A camera that sees nothing in the first 55 % of the time: a little more than half."""
     hidden = np.zeros(seen.observations.seen.shape, dtype=bool)
     hidden[: round(0.55 * len(hidden)), faulty(seed)] = True
-    return Seen(_without(seen.observations, hidden), seen.rig, RING.names[faulty(seed)])
+    return EstimatorInput(_without(seen.observations, hidden), seen.rig, RING.names[faulty(seed)])
 
 
-def hidden_joint(seen: Seen) -> Seen:
+def hidden_joint(seen: EstimatorInput) -> EstimatorInput:
     """A wrist that nobody sees for 3 s."""
     hidden = np.zeros(seen.observations.seen.shape, dtype=bool)
     hidden[_during(seen.observations, 3.0), :, seen.observations.skeleton.index("left_wrist")] = True
-    return Seen(_without(seen.observations, hidden), seen.rig)
+    return EstimatorInput(_without(seen.observations, hidden), seen.rig)
 
 
-def wrong_rate(seen: Seen, factor: float) -> Seen:
+def wrong_rate(seen: EstimatorInput, factor: float) -> EstimatorInput:
     """All cameras are said to be so many times as fast as they are."""
-    return Seen(replace(seen.observations, time_s=seen.observations.time_s / factor), seen.rig)
+    return EstimatorInput(replace(seen.observations, time_s=seen.observations.time_s / factor), seen.rig)
 
 
-def displaced_knee(seen: Seen, seed: int) -> Seen:
+def displaced_knee(seen: EstimatorInput, seed: int) -> EstimatorInput:
     """A view that draws the left knee 8 cm down the shin, as under a coat, always and confidently."""
     skeleton, points_px = seen.observations.skeleton, seen.observations.points2d_px.copy()
     knee, ankle = skeleton.index("left_knee"), skeleton.index("left_ankle")
@@ -166,7 +166,7 @@ def displaced_knee(seen: Seen, seed: int) -> Seen:
     return _with_points(seen, points_px, RING.names[faulty(seed)])
 
 
-def wrong_wrist(seen: Seen) -> Seen:
+def wrong_wrist(seen: EstimatorInput) -> EstimatorInput:
     """A wrist that all views see at the ankle of its side for a second, confidently."""
     skeleton, points_px = seen.observations.skeleton, seen.observations.points2d_px.copy()
     during = _during(seen.observations, 1.0)
@@ -174,7 +174,7 @@ def wrong_wrist(seen: Seen) -> Seen:
     return _with_points(seen, points_px)
 
 
-def mixed(seen: Seen, other: Seen, away_m: float) -> Seen:
+def mixed(seen: EstimatorInput, other: EstimatorInput, away_m: float) -> EstimatorInput:
     """From the middle on, detections of a body so far away in all views, with the same motion and bones: only the
     change of place can give it away."""
     points_px, n_frames = seen.observations.points2d_px.copy(), seen.observations.n_frames
@@ -198,8 +198,10 @@ def _during(observations: Observations, duration_s: float) -> Bool[np.ndarray, "
     return np.abs(from_middle_s) < duration_s / 2
 
 
-def _with_points(seen: Seen, points_px: Float[np.ndarray, "frame camera joint 2"], camera: str = "") -> Seen:
-    return Seen(replace(seen.observations, points2d_px=points_px), seen.rig, camera)
+def _with_points(
+    seen: EstimatorInput, points_px: Float[np.ndarray, "frame camera joint 2"], camera: str = ""
+) -> EstimatorInput:
+    return EstimatorInput(replace(seen.observations, points2d_px=points_px), seen.rig, camera)
 
 
 def _without(observations: Observations, hidden: Bool[np.ndarray, "frame camera joint"]) -> Observations:
@@ -209,7 +211,7 @@ def _without(observations: Observations, hidden: Bool[np.ndarray, "frame camera 
     return replace(observations, **observations.per_detection(blanked))
 
 
-Recordings = Callable[[str, int], Seen]
+Recordings = Callable[[str, int], EstimatorInput]
 FAULTLESS: dict[str, Recordings] = {
     "clean": seen_clip,
     "occluded": lambda clip, seed: seen_clip(clip, seed, Occlusion()),
@@ -242,10 +244,10 @@ FAULTY: dict[str, Recordings] = {
 """Faults planted in clean recordings, one at a time."""
 
 
-def real_recordings() -> Iterator[Seen]:
+def real_recordings() -> Iterator[EstimatorInput]:
     """Those that come with fgpose, whole and in halves: a part of a recording has no fault that the whole has not."""
     for name in fgpose.files.recordings():
         rig, observations = fgpose.files.load_recording(name)
         half = observations.n_frames // 2
         for frames in (slice(None), slice(half), slice(half, None)):
-            yield Seen(observations.frames(frames), rig)
+            yield EstimatorInput(observations.frames(frames), rig)

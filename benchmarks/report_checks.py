@@ -27,14 +27,14 @@ from pathlib import Path
 import fgpose
 from fgpose.diagnosis.diagnose import RESULT_CHECKS
 from fgpose.report import FinishedRecording
-from planted_faults import FAULTLESS, FAULTY, TEST_CLIPS, TUNING_CLIPS, Seen, real_recordings
+from planted_faults import FAULTLESS, FAULTY, TEST_CLIPS, TUNING_CLIPS, EstimatorInput, real_recordings
 
 KINDS = {**FAULTLESS, **FAULTY}
 Line = dict[str, str | list[str]]
 """What was raised of one recording: kind, clips, name, and the names of the suspicions that are right and wrong."""
 
 
-def finished(seen: Seen) -> FinishedRecording:
+def finished(seen: EstimatorInput) -> FinishedRecording:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # that a window did not converge is one of the suspicions
         trajectory = fgpose.smooth(seen.observations, seen.rig)
@@ -55,7 +55,7 @@ def raised(recording: FinishedRecording, faulty: str, words: bool) -> dict[str, 
     return found
 
 
-def wanted(options: argparse.Namespace) -> Iterable[tuple[str, str, str, Callable[[], Seen]]]:
+def wanted(options: argparse.Namespace) -> Iterable[tuple[str, str, str, Callable[[], EstimatorInput]]]:
     """Kind, clips, name and maker of the recordings that are asked for."""
     for clips, names in (("tuning", TUNING_CLIPS), ("test", TEST_CLIPS)):
         for kind in options.only if clips in options.clips else ():

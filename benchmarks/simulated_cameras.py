@@ -17,12 +17,12 @@ from fgpose.live.cameras.clock_model import Stamp
 from fgpose.live.cameras.image import ArrayPicture, SourceImage
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraStatus
-from fgpose.live.processes.arrivals import Arrivals
+from fgpose.live.processes.pending_detections import PendingDetections
 from fgpose.live.sources import CameraSource
 from fgpose.people_observations import Detections
 from timeline import Timeline
 
-CameraFault = Literal[
+CameraFaultKind = Literal[
     "unplugged", "frozen", "black", "garbled", "damaged", "slow", "late", "moved", "clock", "source", "worker"
 ]
 """source: it fails and is opened again. worker: a process of some cameras ends, and what they knew is gone."""
@@ -42,10 +42,10 @@ _GREY_SHARE = 0.6
 
 
 @dataclass(frozen=True)
-class Fault:
+class PlayedFault:
     """What happens to some cameras for a while. The clock of a camera jumps once."""
 
-    kind: CameraFault
+    kind: CameraFaultKind
     cameras: tuple[str, ...]
     begin_s: float
     """Unix time."""
@@ -81,7 +81,7 @@ class SimulatedCameras:
         self._late_s, self._on_event = late_s, on_event
         self._rng = np.random.default_rng(seed)
         self._began_s = clock.now_s()
-        self._arrivals = Arrivals(rig.names)
+        self._arrivals = PendingDetections(rig.names)
         self._width_px = {camera.name: camera.size_px for camera in rig.cameras}
         self._simulated = {name: _Camera(self._new(name), self._rng) for name in rig.names}
         self._timeline = Timeline(clock)
@@ -90,7 +90,7 @@ class SimulatedCameras:
             self._timeline.at(self._began_s, lambda camera=camera: self._take_image(camera, 0))
         self._timeline.at(self._began_s, self._look)
 
-    def add(self, fault: Fault) -> None:
+    def add(self, fault: PlayedFault) -> None:
         """Let it happen; it begins in the future."""
         self._timeline.at(fault.begin_s, lambda: self._begin(fault))
         if fault.kind != "clock":
@@ -120,7 +120,7 @@ class SimulatedCameras:
             camera.live.look()
         self._timeline.at(self._clock.now_s() + _LOOKS_S, self._look)
 
-    def _begin(self, fault: Fault) -> None:
+    def _begin(self, fault: PlayedFault) -> None:
         for camera in self._of(fault):
             if fault.kind == "clock":
                 camera.stamp_offset_s += _jump_s(fault)
@@ -131,7 +131,7 @@ class SimulatedCameras:
             elif fault.kind == "worker":
                 camera.live.failed("its process ended and is started again")
 
-    def _end(self, fault: Fault) -> None:
+    def _end(self, fault: PlayedFault) -> None:
         for camera in self._of(fault):
             camera.fault = None
             if fault.kind == "worker":
@@ -140,7 +140,7 @@ class SimulatedCameras:
                 camera.stamp_offset_s = float(self._rng.uniform(0, 1e5))
                 camera.live.connected()
 
-    def _of(self, fault: Fault) -> list[_Camera]:
+    def _of(self, fault: PlayedFault) -> list[_Camera]:
         return [self._simulated[name] for name in fault.cameras]
 
     def _take_image(self, camera: _Camera, number: int) -> None:
@@ -190,7 +190,7 @@ class _Camera:
         self.pictures, self.black = _pictures(rng)
         self.drift = float(rng.uniform(-_CRYSTAL, _CRYSTAL))
         self.stamp_offset_s = float(rng.uniform(0, 1e5))
-        self.fault: Fault | None = None
+        self.fault: PlayedFault | None = None
         self.frozen: SourceImage | None = None
         """The image that comes again and again."""
         self.arrival_s = -np.inf
@@ -215,12 +215,12 @@ def _noisy(picture: np.ndarray, rng: np.random.Generator, sigma: float) -> Array
     return ArrayPicture(np.repeat(noisy[:, :, None], 3, axis=2))
 
 
-def _jump_s(fault: Fault) -> float:
+def _jump_s(fault: PlayedFault) -> float:
     rng = np.random.default_rng(fault.seed)
     return float(rng.choice([-1, 1]) * rng.uniform(0.5, 5.0))
 
 
-def _spoilt(image: SourceImage, fault: Fault, size_px: tuple[int, int]) -> SourceImage:
+def _spoilt(image: SourceImage, fault: PlayedFault, size_px: tuple[int, int]) -> SourceImage:
     """An image of a camera that is garbled, damaged or moved, and what a network finds in it."""
     assert isinstance(image.picture, ArrayPicture)
     assert image.detections is not None

@@ -41,7 +41,7 @@ def room_rig(n_cameras: int = 4) -> CameraRig:
 
 
 @dataclass(frozen=True, eq=False)
-class Clip:
+class SimulatedClip:
     """People for some seconds, as detectors see them: the same errors whenever it is played."""
 
     scene: CrowdScene
@@ -49,13 +49,13 @@ class Clip:
     """Of each camera."""
 
     @staticmethod
-    def made(rig: CameraRig, n_people: int, duration_s: float, rate_hz: float, seed: int) -> Clip:
+    def made(rig: CameraRig, n_people: int, duration_s: float, rate_hz: float, seed: int) -> SimulatedClip:
         walks, works = [embedded_motion("cmu_02_01_short")], [embedded_motion("cmu_02_07_a")]
         plan, n_frames = CrowdPlan(returning_share=0.0), int(duration_s * _TRUTH_FPS) + 1
         motion = crowd_motion(n_people, n_frames, _TRUTH_FPS, walks, works, seed, plan)
         times = CameraTimes(fps=(rate_hz,))
         scene = simulate_crowd(motion, rig, DetectionNoise(), Occlusion(), CrowdErrors(), seed, times)
-        return Clip(scene, {name: tuple(images) for name, images in scene.observations.by_camera.items()})
+        return SimulatedClip(scene, {name: tuple(images) for name, images in scene.observations.by_camera.items()})
 
     @property
     def n_images(self) -> int:
@@ -125,7 +125,7 @@ class Visitors:
     """
 
     def __init__(
-        self, clips: Sequence[Clip], start_s: float, rate_hz: float, visit: Callable[[int], Visit | None]
+        self, clips: Sequence[SimulatedClip], start_s: float, rate_hz: float, visit: Callable[[int], Visit | None]
     ) -> None:
         self._clips, self._start_s, self._rate_hz = clips, start_s, rate_hz
         self._visit = lru_cache(maxsize=4)(visit)
@@ -162,6 +162,6 @@ class Visitors:
         return visit, int(at), scores(self._clips[visit.clip].truth_m(at / self._rate_hz), frame)
 
 
-def made_clips(rig: CameraRig, duration_s: float, rate_hz: float, seed: int) -> list[Clip]:
+def made_clips(rig: CameraRig, duration_s: float, rate_hz: float, seed: int) -> list[SimulatedClip]:
     """Walks and work of one person and of two."""
-    return [Clip.made(rig, n, duration_s, rate_hz, 100 * seed + k) for k, n in enumerate(_N_PEOPLE)]
+    return [SimulatedClip.made(rig, n, duration_s, rate_hz, 100 * seed + k) for k, n in enumerate(_N_PEOPLE)]

@@ -19,7 +19,7 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from soak_run import Result
+from soak_run import SoakResult
 from soak_scenes import draw
 
 _RUN = Path(__file__).with_name("soak_run.py")
@@ -33,7 +33,7 @@ _MAX_GROWTH_MB = 100.0
 
 def soak(
     first: int, runs: int, frames: int, output: Path, done: Callable[[int], None] = lambda _: None
-) -> list[Result]:
+) -> list[SoakResult]:
     """The results of the runs with these seeds, from the file or anew.
 
     Args:
@@ -47,17 +47,17 @@ def soak(
         results = _results(path)
         died = next((seed for seed in todo[: min(n_runs, _RUNS_PER_PROCESS)] if seed not in results), None)
         if died is not None:
-            result = Result(died, frames, draw(died).conditions, death=ended)
+            result = SoakResult(died, frames, draw(died).conditions, death=ended)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(asdict(result)) + "\n")
     done(runs)
     return [results[seed] for seed in seeds]
 
 
-def _results(path: Path) -> dict[int, Result]:
+def _results(path: Path) -> dict[int, SoakResult]:
     if not path.exists():
         return {}
-    results = [Result(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    results = [SoakResult(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
     return {result.seed: result for result in results}
 
 
@@ -87,7 +87,7 @@ def _in_child(path: Path, first: int, runs: int, frames: int, done: Callable[[],
     return f"exit code {child.returncode}"
 
 
-def table(results: list[Result]) -> str:
+def table(results: list[SoakResult]) -> str:
     """One row for every condition, in Markdown."""
     rows = [_row("all", results)]
     for condition in sorted({condition for result in results for condition in result.conditions}):
@@ -96,7 +96,7 @@ def table(results: list[Result]) -> str:
     return head + "|---|---|---|---|---|---|---|\n" + "\n".join(rows)
 
 
-def _row(condition: str, results: list[Result]) -> str:
+def _row(condition: str, results: list[SoakResult]) -> str:
     deaths = sum(result.death is not None for result in results)
     exceptions = sum(any("Traceback" in failure for failure in result.failures) for result in results)
     others = sum(any("Traceback" not in reason for reason in failures(result)) for result in results) - deaths
@@ -105,7 +105,7 @@ def _row(condition: str, results: list[Result]) -> str:
     return f"| {condition} | {len(results)} | {deaths} | {exceptions} | {others} | {repairs} | {growth_mb:.1f} |"
 
 
-def failures(result: Result) -> list[str]:
+def failures(result: SoakResult) -> list[str]:
     """Why a run does not count as passed."""
     reasons = list(result.failures)
     if result.death is not None:

@@ -22,7 +22,7 @@ import numpy as np
 
 import fgpose
 from fgpose.trajectory import Estimate, Status
-from soak_scenes import Soak, draw, parts
+from soak_scenes import SoakConditions, draw, parts
 from timing import resident_memory_mb
 
 _MOST_FAILURES = 3
@@ -32,7 +32,7 @@ _REPEATED_SHARE = 0.02
 
 
 @dataclass
-class Result:
+class SoakResult:
     """The result of a run."""
 
     seed: int
@@ -52,9 +52,9 @@ class Result:
     death: str | None = None
 
 
-def run(soak: Soak, n_frames: int) -> Result:
+def run(soak: SoakConditions, n_frames: int) -> SoakResult:
     """Online, frame by frame, then the first frames as a batch."""
-    result = Result(soak.seed, n_frames, soak.conditions)
+    result = SoakResult(soak.seed, n_frames, soak.conditions)
     for task in (_online, _batch):
         try:
             task(soak, n_frames, result)
@@ -63,7 +63,7 @@ def run(soak: Soak, n_frames: int) -> Result:
     return result
 
 
-def _online(soak: Soak, n_frames: int, result: Result) -> None:
+def _online(soak: SoakConditions, n_frames: int, result: SoakResult) -> None:
     rng = np.random.default_rng([soak.seed, 1])
     estimator = fgpose.Estimator(soak.rig, soak.skeleton, soak.config)
     held_mb: tuple[list[float], ...] = ([], [], [], [])
@@ -90,7 +90,7 @@ def _held_mb() -> float:
     return resident_memory_mb()
 
 
-def _frames(soak: Soak, n_frames: int) -> Iterator[fgpose.Observations]:
+def _frames(soak: SoakConditions, n_frames: int) -> Iterator[fgpose.Observations]:
     return itertools.chain.from_iterable(parts(soak, n_frames + 1))
 
 
@@ -98,7 +98,7 @@ def _n_factors(estimator: fgpose.Estimator) -> int:
     return estimator._window._solver._smoother._isam.getFactorsUnsafe().size()
 
 
-def _most_factors(soak: Soak, longest: int) -> int:
+def _most_factors(soak: SoakConditions, longest: int) -> int:
     """That a window of so many frames can have: for each joint its detections and depths, a bone, motion, fading, an
     anchor, two priors, and what was marginalised. Unused slots are kept, so it is the longest window that counts; and
     it counts twice, for a factor that is replaced leaves its slot after the other has come."""
@@ -106,7 +106,7 @@ def _most_factors(soak: Soak, longest: int) -> int:
     return per_joint * soak.skeleton.n_joints * (2 * longest + 2)
 
 
-def _most_mb(soak: Soak, longest: int) -> float:
+def _most_mb(soak: SoakConditions, longest: int) -> float:
     """That the Bayes tree of a window of so many frames can take: when nobody sees the person, all joints of a frame
     are correlated, and every variable is conditioned on as many others as a frame has."""
     n_variables = 2 * soak.skeleton.n_joints
@@ -126,7 +126,7 @@ def _refused(estimator: fgpose.Estimator, frames: list[fgpose.Observations]) -> 
             raise AssertionError("a repeated or old frame was taken")
 
 
-def _batch(soak: Soak, n_frames: int, result: Result) -> None:
+def _batch(soak: SoakConditions, n_frames: int, result: SoakResult) -> None:
     observations = next(parts(soak, min(n_frames, _BATCH_FRAMES)))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*has not converged")  # documented, and part of the result
@@ -134,7 +134,7 @@ def _batch(soak: Soak, n_frames: int, result: Result) -> None:
     complain(result, "batch", trajectory.positions_m, trajectory.status, trajectory.covariance_m2)
 
 
-def check(estimate: Estimate, result: Result) -> None:
+def check(estimate: Estimate, result: SoakResult) -> None:
     """Note in the result where an estimate contradicts itself."""
     where = f"frame {estimate.frame}"
     complain(result, where, estimate.positions_m, estimate.status, estimate.covariance_m2)
@@ -144,7 +144,7 @@ def check(estimate: Estimate, result: Result) -> None:
 
 
 def complain(
-    result: Result, where: str, positions_m: np.ndarray, status: np.ndarray, covariance_m2: np.ndarray | None
+    result: SoakResult, where: str, positions_m: np.ndarray, status: np.ndarray, covariance_m2: np.ndarray | None
 ) -> None:
     known = np.asarray(np.isfinite(positions_m).all(axis=-1))
     if (known != (status != Status.UNOBSERVABLE)).any():

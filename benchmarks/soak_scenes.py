@@ -37,7 +37,7 @@ TROUBLES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Soak:
+class SoakConditions:
     """The conditions of one run."""
 
     seed: int
@@ -68,7 +68,7 @@ class Soak:
         ]
 
 
-def draw(seed: int) -> Soak:
+def draw(seed: int) -> SoakConditions:
     """The conditions of a seed; half of the troubles each."""
     rng = np.random.default_rng(seed)
     clips = sorted(_CLIPS.glob("*.npz"))
@@ -77,7 +77,7 @@ def draw(seed: int) -> Soak:
     fps = float(rng.uniform(15, 120))
     lag_s = np.clip(rng.uniform(0.1, 1.0), 0.1, max(0.1, _MOST_POINTS / (skeleton.n_joints * fps)))
     troubles = frozenset(trouble for trouble in TROUBLES if rng.random() < 0.5)
-    return Soak(
+    return SoakConditions(
         seed=seed,
         rig=ring_rig(int(rng.integers(1, 6))),
         skeleton=skeleton,
@@ -143,7 +143,7 @@ def _body(n_joints: int, clip_m: np.ndarray) -> tuple[fgpose.Skeleton, np.ndarra
     return skeleton, np.concatenate([clip_m[:, kept], markers_m], axis=1)
 
 
-def parts(soak: Soak, n_frames: int) -> Iterator[fgpose.Observations]:
+def parts(soak: SoakConditions, n_frames: int) -> Iterator[fgpose.Observations]:
     """The recording of a run, time after time."""
     time_s = soak.starts_s
     for number, first in enumerate(range(0, n_frames, _PART_FRAMES)):
@@ -156,7 +156,7 @@ def parts(soak: Soak, n_frames: int) -> Iterator[fgpose.Observations]:
         time_s = moved_s[-1] + 1 / soak.fps
 
 
-def _part(soak: Soak, rng: np.random.Generator, first: int, n_frames: int) -> fgpose.Observations:
+def _part(soak: SoakConditions, rng: np.random.Generator, first: int, n_frames: int) -> fgpose.Observations:
     truth_m = _swinging(soak, first, n_frames)
     hidden = np.zeros((n_frames, soak.rig.n_cameras), dtype=bool)
     if "person returns 3 m away" in soak.troubles:
@@ -190,7 +190,7 @@ def _part(soak: Soak, rng: np.random.Generator, first: int, n_frames: int) -> fg
     )
 
 
-def _swinging(soak: Soak, first: int, n_frames: int) -> np.ndarray:
+def _swinging(soak: SoakConditions, first: int, n_frames: int) -> np.ndarray:
     """The motion through the clip and back, at the run's frame rate."""
     last = len(soak.clip_m) - 1
     at = np.arange(first, first + n_frames) / soak.fps * soak.clip_fps
@@ -214,7 +214,9 @@ def _stretches(
     return chosen.reshape(shape)
 
 
-def _put_at_one_point(rng: np.random.Generator, soak: Soak, points2d_px: np.ndarray, confidence: np.ndarray) -> None:
+def _put_at_one_point(
+    rng: np.random.Generator, soak: SoakConditions, points2d_px: np.ndarray, confidence: np.ndarray
+) -> None:
     """Two joints of a bone, or any number of joints, at one pixel in every view; here and there from the start."""
     n_frames = len(points2d_px)
     for start in [0, *rng.integers(0, n_frames, 1 + n_frames // 100)]:
@@ -234,7 +236,7 @@ def _known(points3d_m: np.ndarray | None, points2d_px: np.ndarray) -> np.ndarray
     )
 
 
-def _times_s(rng: np.random.Generator, soak: Soak, n_frames: int) -> np.ndarray:
+def _times_s(rng: np.random.Generator, soak: SoakConditions, n_frames: int) -> np.ndarray:
     steps_s = np.full(n_frames, 1 / soak.fps)
     if "clock jumps" in soak.troubles:
         jumps = rng.integers(0, n_frames, 1 + n_frames // 200)

@@ -9,7 +9,7 @@ import numpy as np
 from fgpose.geometry.camera import Camera
 from fgpose.live.sources import CameraSource
 from fgpose.people_observations import Detections
-from storm_plan import Fault
+from storm_plan import PlannedFault
 
 MOST_CONNECTIONS = 500
 """Of cameras; others have larger numbers."""
@@ -38,7 +38,7 @@ class StormCamera:
         own_s = float(rng.uniform(-1e5, 1e5)) if source in _OWN_CLOCKS else float(rng.normal(0, _CLOCK_SIGMA_S))
         self._offset_s = own_s - (much_s if kind == "behind from the start" else 0.0)
         self._drift = float(rng.uniform(-_CRYSTAL, _CRYSTAL)) if source in _OWN_CLOCKS else 0.0
-        self.faults: dict[str, Fault] = {}
+        self.faults: dict[str, PlannedFault] = {}
         self.frozen: Detections | None = None
         self.arrival_s = -math.inf
 

@@ -39,7 +39,7 @@ _SHARE_FROM_THE_START = 0.25
 
 
 @dataclass(frozen=True)
-class Fault:
+class PlannedFault:
     """Times are Unix time."""
 
     kind: str
@@ -51,7 +51,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Session:
+class StormSession:
     """From a start of the live system to its end."""
 
     sources: dict[str, str]
@@ -59,10 +59,10 @@ class Session:
     robot_says_times: bool
     start: dict[str, tuple[str, float]]
     """Cameras that have a fault from the start, and how much of it in seconds."""
-    faults: tuple[Fault, ...]
+    faults: tuple[PlannedFault, ...]
 
 
-def session(names: tuple[str, ...], begin_s: float, duration_s: float, rng: np.random.Generator) -> Session:
+def session(names: tuple[str, ...], begin_s: float, duration_s: float, rng: np.random.Generator) -> StormSession:
     """A session with faults one to three at a time."""
     sources = {name: str(rng.choice(SOURCES)) for name in names}
     start = {}
@@ -76,6 +76,8 @@ def session(names: tuple[str, ...], begin_s: float, duration_s: float, rng: np.r
             fault_s = at_s + float(rng.uniform(0, 1.0))
             cameras = tuple(rng.choice(names, int(rng.choice((1, 1, 2, len(names)))), replace=False).tolist())
             lasts_s = float(np.exp(rng.uniform(*np.log(_LASTS_S))))
-            faults.append(Fault(str(rng.choice(kinds)), cameras, fault_s, fault_s + lasts_s, float(rng.random())))
+            faults.append(
+                PlannedFault(str(rng.choice(kinds)), cameras, fault_s, fault_s + lasts_s, float(rng.random()))
+            )
         at_s += _APART_S + float(rng.exponential(_APART_S))
-    return Session(sources, bool(rng.random() < 0.5), start, tuple(faults))
+    return StormSession(sources, bool(rng.random() < 0.5), start, tuple(faults))

@@ -22,12 +22,12 @@ from fgpose.people_observations import Detections
 from fgpose.robot.robot_poses import MAX_LOOKED_AT, RobotPoses
 from fgpose.skeleton import Skeleton
 from storm_camera import StormCamera
-from storm_plan import Session
+from storm_plan import StormSession
 from timeline import Timeline
 
 
 @dataclass(frozen=True)
-class Part:
+class MessagePart:
     """A frame of ZeroMQ, and the connection by which it came."""
 
     buffer: memoryview
@@ -51,7 +51,7 @@ class Reception:
 
     def __init__(
         self,
-        session: Session,
+        session: StormSession,
         rig: CameraRig,
         skeleton: Skeleton,
         timeline: Timeline,
@@ -74,7 +74,7 @@ class Reception:
         if self._checks is not None:
             self._checks.senders.on_contested = lambda name: self.live[name].contested()
         self.robot = RobotPoses(["arm"])
-        self._waiting: list[Part] = []
+        self._waiting: list[MessagePart] = []
         self.n_refused = 0
 
     def begin(self, name: str) -> None:
@@ -103,7 +103,7 @@ class Reception:
         if self._checks is None:
             return
         try:
-            arrived = self._checks.taken([Part(memoryview(body), connection)], self._clock.now_s())
+            arrived = self._checks.taken([MessagePart(memoryview(body), connection)], self._clock.now_s())
         except MessageError:
             self.n_refused += 1
             return
@@ -113,7 +113,7 @@ class Reception:
 
     def robot_message(self, body: bytes, connection: int) -> None:
         """Has come to the socket of poses."""
-        self._waiting.append(Part(memoryview(body), connection))
+        self._waiting.append(MessagePart(memoryview(body), connection))
 
     def read_robot(self) -> None:
         """All that waits, as the reading thread does within milliseconds."""

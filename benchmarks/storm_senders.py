@@ -11,7 +11,7 @@ from distance_truth import RESET_EVERY_S, world_T_arm
 from fgpose.people_observations import Detections
 from fgpose.robot.distance_messages import encode_robot
 from storm_camera import MOST_CONNECTIONS, StormCamera, others
-from storm_plan import Fault, Session
+from storm_plan import PlannedFault, StormSession
 from storm_reception import Reception
 from storm_visitors import StormVisitors
 from timeline import Timeline
@@ -20,7 +20,7 @@ _ROBOT, _OTHER = MOST_CONNECTIONS, MOST_CONNECTIONS + 100
 _ROBOT_HZ, _TRANSIT_S = 10.0, 0.003
 
 
-class Senders:
+class StormSenders:
     """Cameras and robot, which send as long as a session lasts, and others.
 
     Args:
@@ -34,7 +34,7 @@ class Senders:
 
     def __init__(
         self,
-        session: Session,
+        session: StormSession,
         reception: Reception,
         visitors: StormVisitors,
         timeline: Timeline,
@@ -43,7 +43,7 @@ class Senders:
     ) -> None:
         self._session, self._reception, self._visitors, self._timeline = session, reception, visitors, timeline
         self._rate_hz, self._rng, self._began_s = rate_hz, rng, timeline.clock.now_s()
-        self._robot_faults: dict[str, Fault] = {}
+        self._robot_faults: dict[str, PlannedFault] = {}
         self._reset_s = -math.inf
         self._is_over = False
         first = math.ceil(visitors.number(self._began_s))
@@ -55,7 +55,7 @@ class Senders:
         """Nobody sends any more."""
         self._is_over = True
 
-    def begin_fault(self, fault: Fault) -> None:
+    def begin_fault(self, fault: PlannedFault) -> None:
         """Of a camera, its clock, messages or the robot."""
         if "robot" in fault.kind:
             self._robot_faults[fault.kind] = fault
@@ -70,7 +70,7 @@ class Senders:
             if fault.kind in ("source fails", "cameras end"):
                 self._reception.live[name].failed("nothing answers there")
 
-    def end_fault(self, fault: Fault) -> None:
+    def end_fault(self, fault: PlannedFault) -> None:
         """It is over."""
         self._robot_faults.pop(fault.kind, None)
         for name in fault.cameras:
@@ -87,7 +87,7 @@ class Senders:
     def _again(self, time_s: float, do: Callable[[], None]) -> None:
         self._timeline.at(time_s, lambda: None if self._is_over else do())
 
-    def _is_somebody_seen(self, fault: Fault) -> bool:
+    def _is_somebody_seen(self, fault: PlannedFault) -> bool:
         number = int(self._visitors.number(fault.begin_s)) + 1
         return all(self._visitors.seen(name, number).n_people for name in fault.cameras)
 
@@ -100,7 +100,7 @@ class Senders:
         for _ in range(n_times) if math.isfinite(arrives_s) else ():
             self._again(arrives_s, lambda: self._reception.image(camera, found, stamp_s))
 
-    def _disturb(self, fault: Fault, now_s: float) -> None:
+    def _disturb(self, fault: PlannedFault, now_s: float) -> None:
         """Others send under the names of cameras, or anything."""
         period_s = 1.0 / (self._rate_hz * (1 + 3 * fault.amount))
         if now_s + period_s < fault.end_s:

@@ -15,7 +15,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
-from simulated_visitors import Clip, Visitors
+from simulated_visitors import SimulatedClip, Visitors
 
 # Quantiles of the time until somebody is found, as found_again.py has measured them.
 _FOUND_SHARE, _FOUND_AFTER_S = (0.0, 0.5, 0.99, 1.0), (0.03, 0.13, 0.50, 0.62)
@@ -28,7 +28,7 @@ _TOLD_SIGMA_S, _REMEMBERED = 0.3, 300
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownTruth:
     """What an image shows in truth."""
 
     number: float
@@ -36,13 +36,13 @@ class Shown:
     people: frozenset[int]
 
 
-_NOTHING = Shown(math.nan, frozenset())
+_NOTHING = ShownTruth(math.nan, frozenset())
 
 
 class StormVisitors(Visitors):
     """Visitors who are recognised in what a detector sends of them, whatever stamp it has."""
 
-    def __init__(self, clips: Sequence[Clip], *args: Any) -> None:
+    def __init__(self, clips: Sequence[SimulatedClip], *args: Any) -> None:
         super().__init__(clips, *args)
         self._of_image: dict[bytes, tuple[int, int, frozenset[int]]] = {}
         for clip_number, clip in enumerate(clips):
@@ -56,7 +56,7 @@ class StormVisitors(Visitors):
                     if image.n_people:
                         self._of_image[_key(image)] = clip_number, k, who_in[image.camera, image.time_s]
 
-    def shown(self, image: Detections, now_s: float) -> Shown:
+    def shown(self, image: Detections, now_s: float) -> ShownTruth:
         """In an image that has come by now."""
         if not image.n_people or (found := self._of_image.get(_key(image))) is None:
             return _NOTHING
@@ -67,7 +67,7 @@ class StormVisitors(Visitors):
             visit = self._visit(each)
             # Late images of a visit before, with the same clip, come when this one has begun.
             if visit is not None and visit.clip == clip and visit.first + k <= newest:
-                return Shown(visit.first + k, people)
+                return ShownTruth(visit.first + k, people)
         return _NOTHING
 
     def time_s(self, number: float) -> float:
@@ -152,7 +152,7 @@ class StandInTracker:
         self._visitors, self._rig, self._skeleton, self._now_s, self._rng = visitors, rig, skeleton, now_s, rng
         self._fails = fails
         self.offsets, self.n_restarts = StandInOffsets(rig.n_cameras, rng), 0
-        self._newest: dict[str, tuple[float, Shown]] = {}
+        self._newest: dict[str, tuple[float, ShownTruth]] = {}
         self._followed: dict[int, _Followed] = {}
         self._n_updates, self._updated_s = 0, math.nan
 

@@ -23,7 +23,7 @@ import tyro
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.skeletons import load_skeleton
-from fgpose.study import Plan, Study, run_study
+from fgpose.study import Plan, StudyDescription, run_study
 from fgpose.study.study import study_of
 from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, embedded_motion, ring_rig, simulate
 
@@ -38,7 +38,7 @@ DURATION_S = 10.0
 
 
 @dataclass(frozen=True)
-class Part:
+class WorkerRun:
     """Recordings by a number of workers."""
 
     n_workers: int
@@ -65,7 +65,7 @@ def write_recordings(root: Path, n_recordings: int) -> None:
         save_observations(scene.observations, folder / f"t{number // 10:03}.npz")
 
 
-def measured(study: Study, output: Path, n_workers: int, only: str = "") -> Part:
+def measured(study: StudyDescription, output: Path, n_workers: int, only: str = "") -> WorkerRun:
     """From when the workers are there to the last outcome."""
     shutil.rmtree(output, ignore_errors=True)
     times_s: list[float] = []
@@ -77,7 +77,7 @@ def measured(study: Study, output: Path, n_workers: int, only: str = "") -> Part
         on_outcome=lambda outcome: times_s.append(time.perf_counter()),
     )
     assert result.counts.keys() == {"done"}, result.failures
-    part = Part(n_workers, result.counts["done"], times_s[-1] - times_s[0])
+    part = WorkerRun(n_workers, result.counts["done"], times_s[-1] - times_s[0])
     print(f"{n_workers} workers: {part.n_done} recordings in {part.took_s:.1f} s, {60 * part.rate_hz:.1f} per minute")
     return part
 

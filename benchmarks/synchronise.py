@@ -20,7 +20,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
 from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, WalkScene, film
 
 CLIPS = ("cmu_01_04_a", "cmu_02_05", "cmu_03_03_b", "cmu_01_01_a", "cmu_02_07_a", "cmu_02_10", "cmu_03_03_a")
 WRONG_S = 0.04
@@ -58,7 +58,9 @@ def take(case: Case, clip: str, seed: int) -> WalkScene:
     over_floor_m = motion_m[:, :1, :2].copy()
     motion_m[..., :2] -= over_floor_m if case.on_the_spot else over_floor_m.mean(axis=0)
     motion = CrowdMotion(load_skeleton("h36m_17"), motion_m[None], fps)
-    return film(motion, ring_rig(case.n_cameras), seed, Network(), Clocks((30.0, 25.0), 2.0, 40.0, 145.0))
+    return film(
+        motion, ring_rig(case.n_cameras), seed, SimulatedNetwork(), SimulatedClocks((30.0, 25.0), 2.0, 40.0, 145.0)
+    )
 
 
 def turned(rig: CameraRig, rms_deg: float, seed: int) -> CameraRig:

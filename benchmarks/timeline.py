@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import SimulatedClock
-from fgpose.live.processes.arrivals import Arrivals
+from fgpose.live.processes.pending_detections import PendingDetections
 
 
 class Timeline:
@@ -36,7 +36,7 @@ class Timeline:
             if self.clock.now_s() >= until_s:
                 return
 
-    def until_any(self, arrivals: Arrivals, timeout_s: float) -> list[RecordedImage]:
+    def until_any(self, arrivals: PendingDetections, timeout_s: float) -> list[RecordedImage]:
         """Let everything happen until an image arrives, or for a time: those that have."""
         self.advance(self.clock.now_s() + timeout_s, arrivals.is_any)
         return arrivals.take(0.0)

@@ -23,7 +23,7 @@ from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.outputs import ViewerOutput
-from fgpose.live.processes.arrivals import Arrivals
+from fgpose.live.processes.pending_detections import PendingDetections
 from fgpose.live.system import LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
@@ -76,7 +76,7 @@ class SimulatedCameras:
         ]
         self._waiting = deque(dataclasses.replace(image, time_s=self.begin_s + image.time_s) for image in images)
         self._image_s: dict[str, float] = {}
-        self._arrivals = Arrivals(self._names)
+        self._arrivals = PendingDetections(self._names)
         """Where the tracker finds the newest: a computer that is too slow leaves images out."""
 
     def take(self, timeout_s: float) -> list[RecordedImage]:

@@ -14,7 +14,7 @@ from fgpose.assessment.crowd import NOBODY, Crowd
 
 
 @dataclass(frozen=True)
-class Track:
+class TrueTrack:
     """How one true person was followed."""
 
     n_frames: int
@@ -66,18 +66,20 @@ def _assigned(
     return pairs
 
 
-def tracks(partner: Int[np.ndarray, "frame truth"], truth: Crowd, estimate: Crowd) -> tuple[Track, ...]:
+def tracks(partner: Int[np.ndarray, "frame truth"], truth: Crowd, estimate: Crowd) -> tuple[TrueTrack, ...]:
     """How each true identity was followed, given the matches of match_frames."""
     return tuple(_track(partner, truth.person == index, estimate) for index in range(len(truth.identities)))
 
 
-def _track(partner: Int[np.ndarray, "frame truth"], there: Bool[np.ndarray, "frame truth"], estimate: Crowd) -> Track:
+def _track(
+    partner: Int[np.ndarray, "frame truth"], there: Bool[np.ndarray, "frame truth"], estimate: Crowd
+) -> TrueTrack:
     frames, slots = np.nonzero(there)
     partners = partner[frames, slots]
     matched = partners != NOBODY
     identities = estimate.person[frames[matched], partners[matched]]
     begins = matched & ~np.append(False, matched[:-1])
-    return Track(
+    return TrueTrack(
         n_frames=len(frames),
         n_matched=len(identities),
         n_switches=int((np.diff(identities) != 0).sum()),

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.assessment.alignment import common_joints, same_times
-from fgpose.assessment.clear_mot import Track, match_frames, tracks
+from fgpose.assessment.clear_mot import TrueTrack, match_frames, tracks
 from fgpose.assessment.crowd import NOBODY, Crowd, distances_m, gather
 from fgpose.assessment.encounters import Encounter, encounters
 from fgpose.assessment.identity import hota, identity_score, share
@@ -195,7 +195,7 @@ def _evaluation(
 
 
 def _person_scores(
-    followed: tuple[Track, ...],
+    followed: tuple[TrueTrack, ...],
     errors_m: Float[np.ndarray, "frame slot joint"],
     limbs: Float[np.ndarray, "frame slot bone"],
     real: Crowd,

@@ -11,9 +11,9 @@ from jaxtyping import Float
 
 from fgpose.association.recording import Association, associate, total_confidence
 from fgpose.association.successive import successive
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames
+from fgpose.correspondences import NO_IMAGE, NOBODY, MatchedFrames, Seen
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY, PeopleObservations, Seen
+from fgpose.people_observations import PeopleObservations
 from fgpose.sampling import spread_evenly, usual_step_s
 
 # The person of a region has at least this share of its joints in it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import TypeVar
 
@@ -37,17 +38,12 @@ def on_common_clock(people: Recording, rig: CameraRig) -> tuple[Recording, Camer
         ValueError: the cameras of people and rig differ.
     """
     people.check_cameras(rig.names)
-    together = single_images_together(people, rig)
-    if together is not None:
-        return together
     if isinstance(people, PeopleObservations):
         step_s = min(usual_step_s(people.times_s(name)) for name in rig.names)
     else:
         step_s = usual_step_s(people.frame_time_s)
-    if not is_changing(rig) and not is_far_off(rig, step_s):
-        return people, rig
-    everybody, on_clock = _together(_everybody(people, rig), rig)
-    return _as_given(people, everybody), on_clock
+    is_off = is_changing(rig) or is_far_off(rig, step_s)
+    return _together(people, rig, in_any_case=is_off) or (people, rig)
 
 
 def single_images_together(people: Recording, rig: CameraRig) -> tuple[Recording, CameraRig] | None:
@@ -56,10 +52,28 @@ def single_images_together(people: Recording, rig: CameraRig) -> tuple[Recording
 
     It makes no difference whether a camera whose turn it is not has no image, or one that shows nobody.
     """
-    if not _is_of_single_views(people):
+    return _together(people, rig, in_any_case=False)
+
+
+def _together(people: Recording, rig: CameraRig, *, in_any_case: bool) -> tuple[Recording, CameraRig] | None:
+    """By the clock of the rig: the images of cameras that take turns, else all or, if that is not the case, None."""
+    is_of_single_views = _is_of_single_views(people)
+    if not is_of_single_views and not in_any_case:
         return None
-    everybody, on_clock = _together(_without_empty_images(_everybody(people, rig)), rig)
-    return None if _is_of_single_views(everybody) else (_as_given(people, everybody), on_clock)
+    everybody, pieces = _everybody(people, rig), in_pieces(rig)
+    by_name = dict(zip(rig.names, rig.cameras, strict=True))
+    on_clock = {image: _on_clock(image, by_name[image.camera]) for image in everybody.images}
+
+    def recording(images: Iterable[Detections]) -> PeopleObservations:
+        # Without given_frames: which images belong together is what was wrong.
+        shown = _without_doubles(on_clock[image] for image in images)
+        return PeopleObservations(everybody.skeleton, pieces.names, shown, remarks=everybody.remarks)
+
+    if is_of_single_views:
+        turns = recording(_without_empty_images(everybody))
+        if not _is_of_single_views(turns):
+            return _as_given(people, turns), pieces
+    return (_as_given(people, recording(everybody.images)), pieces) if in_any_case else None
 
 
 def _is_of_single_views(people: Recording) -> bool:
@@ -82,23 +96,12 @@ def _as_given(people: Recording, everybody: PeopleObservations) -> Recording:
     return everybody.of_person(everybody.only())
 
 
-def _without_empty_images(people: PeopleObservations) -> PeopleObservations:
-    """Without the images that show nobody, where one camera shows somebody."""
+def _without_empty_images(people: PeopleObservations) -> Iterator[Detections]:
+    """The images but those that show nobody, where one camera shows somebody."""
     alone = people.frames.image[people.n_showing == 1]
-    kept: list[Detections] = []
     for c, name in enumerate(people.camera_names):
         beside = set(alone[:, c].tolist())
-        kept += (image for i, image in enumerate(people.by_camera[name]) if image.n_people or i not in beside)
-    return replace(people, images=tuple(kept), given_frames=None)
-
-
-def _together(people: PeopleObservations, rig: CameraRig) -> tuple[PeopleObservations, CameraRig]:
-    by_name = dict(zip(rig.names, rig.cameras, strict=True))
-    images = tuple(_on_clock(image, by_name[image.camera]) for image in people.images)
-    # Without given_frames: which images belong together is what was wrong.
-    on_clock = in_pieces(rig)
-    shown = _without_doubles(images)
-    return PeopleObservations(people.skeleton, on_clock.names, shown, remarks=people.remarks), on_clock
+        yield from (image for i, image in enumerate(people.by_camera[name]) if image.n_people or i not in beside)
 
 
 def _on_clock(image: Detections, camera: Camera) -> Detections:
@@ -119,7 +122,7 @@ def _on_clock(image: Detections, camera: Camera) -> Detections:
     )
 
 
-def _without_doubles(images: tuple[Detections, ...]) -> tuple[Detections, ...]:
+def _without_doubles(images: Iterable[Detections]) -> tuple[Detections, ...]:
     """Where a clock jumps back, images before and after have the same time: the later ones count."""
     return tuple({(image.camera, round(image.time_s, 9)): image for image in images}.values())
 

@@ -21,9 +21,10 @@ from fgpose.association.lost import Lost
 from fgpose.association.matching import Matches, Moment, follow
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import Track, TrackEvent, TrackState
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
 from fgpose.parameters import TrackingConfig
-from fgpose.people_observations import NOBODY, Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 
 # Errors of detections are correlated over about so much time: images within it tell once.

@@ -12,8 +12,8 @@ from fgpose.association.detectability import Blind, detection_probability
 from fgpose.association.likelihood import Distances, log_ratio_of, score_of
 from fgpose.association.matching import Moment
 from fgpose.association.pose_filter import SIGMA_M, PoseFilters
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.people_observations import NOBODY
 from fgpose.skeleton import Skeleton
 
 # Rays of two views that meet under less than 3 degrees do not tell where.

@@ -100,7 +100,7 @@ class EverybodyLost(Lost):
 
 
 @dataclass(frozen=True)
-class Link:
+class Reidentification:
     """Somebody who was lost, and who they are later."""
 
     before: int
@@ -108,7 +108,7 @@ class Link:
     log_odds: float
 
 
-def links(passages: Mapping[int, Passage], room_m2: float) -> list[Link]:
+def links(passages: Mapping[int, Passage], room_m2: float) -> list[Reidentification]:
     """Passages of the same person, in the order of time of the later ones.
 
     A link is made where all others together would explain the recording worse without it, by the odds at which somebody
@@ -132,7 +132,7 @@ def links(passages: Mapping[int, Passage], room_m2: float) -> list[Link]:
         without = worth.copy()
         without[n, m] = 0.0
         if total - _best(without)[0] >= UNAMBIGUOUS:
-            found.append(Link(numbers[n], numbers[m], float(worth[n, m] + least)))
+            found.append(Reidentification(numbers[n], numbers[m], float(worth[n, m] + least)))
     return sorted(found, key=lambda link: passages[link.after].begin_s)
 
 

@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.association.likelihood import Distances, Likelihood, padded
 from fgpose.association.pose_filter import Expected, PoseFilters
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY, Detections
+from fgpose.people_observations import Detections
 
 _FITS, _DOES_NOT_FIT = 0.9, 0.1  # probabilities that a joint is of a person
 

@@ -14,11 +14,11 @@ from fgpose.association.lost import EverybodyLost, links
 from fgpose.association.matching import Moment, follow
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import TrackEvent
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames
+from fgpose.correspondences import NO_IMAGE, NOBODY, MatchedFrames, Seen, SeenInImage
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
-from fgpose.people_observations import NOBODY, Detections, PeopleObservations, Seen, SeenInImage
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 Progress = Callable[[int, int], None]
@@ -49,10 +49,6 @@ class Association:
             KeyError: there is no such person.
         """
         return self.observations.of_person(self.people[person])
-
-    def in_all_frames(self, person: int) -> Observations:
-        """What the cameras saw of one person in the whole recording. Raises KeyError if there is no such person."""
-        return self.observations.of_person(self.people[person].in_frames(len(self.frames.image)))
 
     @property
     def frames(self) -> MatchedFrames:

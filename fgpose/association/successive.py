@@ -15,10 +15,11 @@ from jaxtyping import Float
 
 from fgpose.association.identity import RECOGNISED, Passage
 from fgpose.association.recording import Association, Progress, associate
+from fgpose.correspondences import NOBODY, Seen
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.parameters import TrackingConfig
-from fgpose.people_observations import NOBODY, PeopleObservations, Seen
+from fgpose.people_observations import PeopleObservations
 
 # Who is located without such a gap, and never farther away than somebody can run meanwhile, is one person.
 _GAP_S, _RUNS_MPS, _NEAR_M = 0.25, 6.0, 0.5
@@ -30,7 +31,7 @@ _LEAST_ALONE = 0.75
 
 
 @dataclass(frozen=True)
-class Change:
+class Replacement:
     """Somebody comes after somebody has gone."""
 
     gone_s: float
@@ -68,7 +69,7 @@ class Succession:
 
     association: Association
     """Of these people."""
-    changes: tuple[Change, ...]
+    changes: tuple[Replacement, ...]
 
     @property
     def n_people(self) -> int:
@@ -139,7 +140,7 @@ class _Places:
         return float(np.linalg.norm(ends_m[1] - ends_m[0]))
 
 
-def _grouped(association: Association, places: _Places) -> tuple[dict[int, list[int]], tuple[Change, ...]]:
+def _grouped(association: Association, places: _Places) -> tuple[dict[int, list[int]], tuple[Replacement, ...]]:
     """The people of an association as numbers of those who are one person, and who came after whom."""
     time_s = association.frames.frame_time_s
     spans_s = {person: _span_s(seen, time_s) for person, seen in association.people.items()}
@@ -155,7 +156,7 @@ def _grouped(association: Association, places: _Places) -> tuple[dict[int, list[
                 continue
             odds = {who: _log_odds(association._passages, group, person) for who, group in groups.items()}
             likely = max(odds, key=lambda who: odds[who])
-            change = Change(gone_s, begin_s, newest, likely, False, places.away_m(gone_s, begin_s), odds[likely])
+            change = Replacement(gone_s, begin_s, newest, likely, False, places.away_m(gone_s, begin_s), odds[likely])
             # Who has just gone cannot be far away; somebody who was here before that may have come back.
             if change.log_odds <= -RECOGNISED or (likely == newest and change.is_too_far):
                 change = replace(change, after=len(groups), is_somebody_else=True)

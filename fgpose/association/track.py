@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from fgpose.association.identity import Likeness, Passage
 from fgpose.association.pose_filter import PoseFilters
-from fgpose.people_observations import NOBODY
+from fgpose.correspondences import NOBODY
 from fgpose.trajectory import Estimate
 
 # How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.

@@ -13,9 +13,10 @@ from fgpose.association.recording import Association, associate
 from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.calibration.used_parts import Adjusted
 from fgpose.config import Config
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.people_observations import NOBODY, PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 # In simulated halls with cameras that are off by up to 2 degrees, a third changed nothing.
 _MAX_ROUNDS = 2

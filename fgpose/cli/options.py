@@ -28,27 +28,29 @@ _SKELETON = (
     "What the joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, smpl_24, or your "
     "own TOML file."
 )
-PEOPLE = (
+_PEOPLE = (
     "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
     "nearest to the cameras. auto: all where an image shows more than one, or somebody comes after somebody else."
 )
-MIN_CONFIDENCE = (
+_MIN_CONFIDENCE = (
     "Detections of less confidence are taken for missing. Raising it leaves out more that the detector only guesses."
 )
-REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
+_REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeypointOptions:
-    """Where the keypoints and the calibration of a recording are, and their skeleton, rate and units."""
+class RigOption:
+    """The calibration that a command needs."""
 
-    keypoints: Annotated[Positional[Path], arg(help=_KEYPOINTS)]
     rig: Annotated[Path, arg(metavar="FILE")]
     """Calibration of the cameras: Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, Vicon .xcp, OpenCV YAML,
     OpenCap pickles, bioCV .calib, JSON, fgpose npz."""
-    skeleton: Annotated[str, arg(metavar="NAME|FILE", help=_SKELETON)]
-    fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
-    """Frames per second. Needed unless the keypoints file contains times."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraChoice:
+    """Which cameras of a calibration are used, and in which unit it is."""
+
     unit: Annotated[str, arg(metavar="UNIT")] = "auto"
     """Unit of the lengths in the calibration file: m, dm, cm, mm, inch, ft, or how many metres it is (0.054: squares of
     a board of 54 mm); auto takes what the format prescribes."""
@@ -57,20 +59,47 @@ class KeypointOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordingOptions(KeypointOptions):
+class WantedOptions:
+    """Whom and what of a recording is wanted."""
+
+    min_confidence: Annotated[float, arg(metavar="0..1", help=_MIN_CONFIDENCE)] = 0.0
+    frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
+    """Use only this many frames, from the beginning."""
+    people: Annotated[Literal["auto", "all", "1"], arg(help=_PEOPLE)] = "auto"
+    person_region: Annotated[
+        str | None, arg(metavar="CAMERA:X,Y,W,H", help=_REGION, help_behavior_hint="(default: none)")
+    ] = None
+
+    @property
+    def region(self) -> PersonRegion | None:
+        """Where the wanted person is, if that was said. Raises ValueError if everybody is wanted too."""
+        from fgpose.association.chosen_person import PersonRegion
+
+        if self.person_region is None:
+            return None
+        if self.people == "all":
+            raise ValueError("--person-region asks for one person, --people all for everybody: leave one of them out")
+        return PersonRegion.parse(self.person_region)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeypointOptions(CameraChoice, RigOption):
+    """Where the keypoints and the calibration of a recording are, and their skeleton, rate and units."""
+
+    keypoints: Annotated[Positional[Path], arg(help=_KEYPOINTS)]
+    skeleton: Annotated[str, arg(metavar="NAME|FILE", help=_SKELETON)]
+    fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
+    """Frames per second. Needed unless the keypoints file contains times."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingOptions(KeypointOptions, WantedOptions):
     """Where a recording is, and what of it is wanted."""
 
     points3d_frame: Literal["camera", "world"] = "camera"
     """Frame of the 3D joints of each view, where the keypoints have them."""
     points3d_unit: Literal["mm", "m"] = "mm"
     """Unit of the 3D joints of each view, where the keypoints have them."""
-    min_confidence: Annotated[float, arg(metavar="0..1", help=MIN_CONFIDENCE)] = 0.0
-    frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
-    """Use only this many frames, from the beginning."""
-    people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"
-    person_region: Annotated[
-        str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
-    ] = None
 
     def load(self) -> AnySource:
         """Read the recording: of everybody, or of one person, as is wanted and as many as there are. Raises ValueError
@@ -79,9 +108,10 @@ class RecordingOptions(KeypointOptions):
 
         names = ("cameras", "fps", "unit", "points3d_frame", "points3d_unit", "min_confidence")
         reading: dict[str, Any] = {name: getattr(self, name) for name in names}
-        people = wanted_region(self.people, self.person_region) or self.people
         files = self.keypoints, self.rig, self.skeleton
-        return self.prepared(load_source(*files, people=people, n_frames=checked_frames(self.frames), **reading))
+        return self.prepared(
+            load_source(*files, people=self.region or self.people, n_frames=checked_frames(self.frames), **reading)
+        )
 
     def prepared(self, source: Source[Recording]) -> Source[Recording]:
         """What is done with a recording before anything else."""
@@ -147,14 +177,3 @@ def checked_frames(frames: int | None) -> int | None:
     if frames is not None and frames < 1:
         raise ValueError(f"--frames must be at least 1, got {frames}")
     return frames
-
-
-def wanted_region(people: str, region: str | None) -> PersonRegion | None:
-    """Where the wanted person is, if that was said. Raises ValueError if everybody is wanted too."""
-    from fgpose.association.chosen_person import PersonRegion
-
-    if region is None:
-        return None
-    if people == "all":
-        raise ValueError("--person-region asks for one person, --people all for everybody: leave one of them out")
-    return PersonRegion.parse(region)

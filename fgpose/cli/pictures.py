@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.cli.console import progress_bar
-from fgpose.frame_matching import NO_IMAGE
+from fgpose.correspondences import NO_IMAGE
 from fgpose.sampling import nearest
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from fgpose.association.recording import Association
 from fgpose.calibration.everybody import each_person
 from fgpose.config import Config
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.hypotheses.agreement import agreement
+from fgpose.diagnosis.hypotheses.consistency import consistency
 from fgpose.diagnosis.hypotheses.geometry import Geometry, examine
-from fgpose.diagnosis.hypotheses.scene import Scene, limb_joints
+from fgpose.diagnosis.hypotheses.scene import SynchronousViews, limb_joints
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.observations import Observations
@@ -100,7 +100,7 @@ class Examined:
         }
 
     @cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> SynchronousViews:
         """What was seen of the main person: all frames and joints, without what its camera is unsure of."""
         seen = self.main
         usual = np.array(
@@ -108,7 +108,7 @@ class Examined:
         )
         sure = seen.confidence >= _SURE * usual[:, None]
         points_px = np.where(sure[..., None], seen.points2d_px, np.nan)
-        return Scene.of(self.rig, points_px, seen.skeleton, seen.frame_time_s)
+        return SynchronousViews.of(self.rig, points_px, seen.skeleton, seen.frame_time_s)
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -126,7 +126,7 @@ class Examined:
             raise NotJudgedError("one camera")
         if not self.geometry.usable:
             raise NotJudgedError("the cameras do not agree where the body is")
-        return agreement(self.scene.frames(frames)).positions_m
+        return consistency(self.scene.frames(frames)).positions_m
 
     @cached_property
     def undistorted_px(self) -> Float[np.ndarray, "frame camera joint 2"]:

@@ -19,6 +19,7 @@ from fgpose.diagnosis.series import (
 )
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.field_of_view import in_views
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
 
@@ -47,7 +48,7 @@ def outside(recording: FinishedRecording, person: int, trajectory: Trajectory) -
     known = np.isfinite(root_m(trajectory)).all(axis=-1)
     if recording.rig is None or recording.rig.n_cameras < 2 or not known.any():
         return None
-    share = float(np.mean(views_of(root_m(trajectory)[known], recording.rig) < 2))
+    share = float(np.mean(in_views(recording.rig, root_m(trajectory)[known]).sum(axis=1) < 2))
     if share <= _OUTSIDE_SHARE:
         return None
     who = recording.called(person) or "the person"
@@ -55,15 +56,6 @@ def outside(recording: FinishedRecording, person: int, trajectory: Trajectory) -
     reason = f"{who} is outside of the volume that two cameras see in {100 * share:.0f} % of the frames"
     remedy = "Leave these frames out; turn the cameras to where people walk, or keep people inside."
     return Finding(Code.OUTSIDE, severity, reason, remedy, share)
-
-
-def views_of(points_m: Float[np.ndarray, "point 3"], rig: CameraRig) -> Float[np.ndarray, " point"]:
-    """How many cameras have each point in their image."""
-    sizes_px = np.array([camera.size_px for camera in rig.cameras])
-    pixels = rig.project(points_m[:, None])[:, :, 0]
-    distorted = np.stack([camera.distort(pixels[:, c]) for c, camera in enumerate(rig.cameras)], axis=1)
-    inside = np.isfinite(distorted).all(axis=-1) & (distorted >= 0).all(axis=-1) & (distorted < sizes_px).all(axis=-1)
-    return inside.sum(axis=1).astype(float)
 
 
 def large_errors(recording: FinishedRecording) -> list[Finding]:

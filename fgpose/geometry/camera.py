@@ -9,28 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.geometry.lens import LensModel, check_lens, with_distortion, without_distortion
+from fgpose.geometry.rigid import check_pose, inverse, pose_of
+from fgpose.plain_files import naming
+
 REFERENCE_FOCAL_PX = 1145.0
 """Of the cameras of Human3.6M. Parameters in pixels are those of an image with this focal length."""
 
-LensModel = Literal["pinhole", "fisheye"]
-# The numbers of coefficients that OpenCV takes for each lens, without those of tilted sensors and thin prisms.
-_DISTORTION_SIZES = {"pinhole": (0, 4, 5, 8), "fisheye": (4,)}
 _MIN_DEPTH_M = 1e-6  # keeps the division by the depth finite
-# A rotation read from a text file with six digits is orthonormal to about 1e-6; 1e-3 still catches every real mistake.
-_ROTATION_TOLERANCE = 1e-3
-# Where the lens model is invertible the round trip is exact to 1e-6 px; where it is not, off by tens of pixels.
-_MAX_ROUND_TRIP_PX = 1.0
-_UNDISTORT_CRITERIA = (
-    3,
-    100,
-    1e-10,
-)  # cv2.TERM_CRITERIA_COUNT | EPS; 5 iterations (the default) leave 1 px at a corner
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
@@ -71,47 +62,30 @@ class Camera:
     """Since when, by the time stamps, in the order of time, and the pose (4, 4) that the camera has from then on."""
 
     def __post_init__(self) -> None:
-        for name in ("K", "world_T_camera", "distortion"):
-            array = _frozen(getattr(self, name))
-            object.__setattr__(self, name, array)
-            if not np.isfinite(array).all():
-                raise ValueError(f"camera {self.name}: {name} contains a number that is not finite")
-        if not np.isfinite([self.time_offset_s, self.start_s, self.clock_drift, *np.ravel(self.clock_jumps)]).all():
-            raise ValueError(f"camera {self.name}: the time offset, a drift or a jump of the clock is not finite")
-        self._check_shapes()
-        self._check_intrinsics()
-        for pose in (self.world_T_camera, *(pose for _, pose in self.moves)):
-            self._check_pose(pose)
-
-    def _check_shapes(self) -> None:
-        for name, shape in (("K", (3, 3)), ("world_T_camera", (4, 4)), ("distortion", (self.distortion.size,))):
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"camera {self.name}: {name} must be {shape}, got {getattr(self, name).shape}")
-        if self.lens not in _DISTORTION_SIZES:
-            raise ValueError(f"camera {self.name}: unknown lens {self.lens!r}; known: {', '.join(_DISTORTION_SIZES)}")
+        with naming(f"camera {self.name}"):
+            for name in ("K", "world_T_camera", "distortion"):
+                array = _frozen(getattr(self, name))
+                object.__setattr__(self, name, array)
+                if not np.isfinite(array).all():
+                    raise ValueError(f"{name} contains a number that is not finite")
+            if not np.isfinite([self.time_offset_s, self.start_s, self.clock_drift, *np.ravel(self.clock_jumps)]).all():
+                raise ValueError("the time offset, a drift or a jump of the clock is not finite")
+            for name, shape in (("K", (3, 3)), ("world_T_camera", (4, 4)), ("distortion", (self.distortion.size,))):
+                if getattr(self, name).shape != shape:
+                    raise ValueError(f"{name} must be {shape}, got {getattr(self, name).shape}")
+            check_lens(self.lens, self.distortion.size)
+            self._check_intrinsics()
+            for pose in (self.world_T_camera, *(pose for _, pose in self.moves)):
+                check_pose(pose)
 
     def _check_intrinsics(self) -> None:
         K = self.K
         if min(self.size_px) <= 0:
-            raise ValueError(f"camera {self.name}: the image size must be positive, got {self.size_px}")
+            raise ValueError(f"the image size must be positive, got {self.size_px}")
         if K[0, 0] <= 0 or K[1, 1] <= 0 or not np.allclose(K[2], (0, 0, 1)):
-            raise ValueError(f"camera {self.name}: K is singular or not an intrinsic matrix:\n{K}")
+            raise ValueError(f"K is singular or not an intrinsic matrix:\n{K}")
         if abs(K[0, 1]) > 1e-6 * K[0, 0] or abs(K[1, 0]) > 1e-6 * K[0, 0]:
-            raise ValueError(f"camera {self.name}: K has a skew of {K[0, 1]:g}; only skew-free cameras are supported")
-        if self.distortion.size not in _DISTORTION_SIZES[self.lens]:
-            sizes = ", ".join(map(str, _DISTORTION_SIZES[self.lens]))
-            raise ValueError(
-                f"camera {self.name}: a {self.lens} lens takes {sizes} coefficients, got {self.distortion.size}"
-            )
-
-    def _check_pose(self, world_T_camera: Float[np.ndarray, "4 4"]) -> None:
-        R = world_T_camera[:3, :3]
-        if not np.allclose(R @ R.T, np.eye(3), atol=_ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
-            mirrors = np.linalg.det(R) < 0
-            why = ", it mirrors: the world is left-handed, or an axis has the wrong sign" if mirrors else ""
-            raise ValueError(f"camera {self.name}: the rotation is not a rotation matrix{why}:\n{R}")
-        if not np.allclose(world_T_camera[3], (0, 0, 0, 1)):
-            raise ValueError(f"camera {self.name}: the last row of the pose must be 0 0 0 1")
+            raise ValueError(f"K has a skew of {K[0, 1]:g}; only skew-free cameras are supported")
 
     def unchanging(self) -> Camera:
         """The same with an even clock that is not off, where it was first."""
@@ -129,9 +103,7 @@ class Camera:
         lens: LensModel = "pinhole",
     ) -> Camera:
         """Camera from the convention of most files: x_camera = R x_world + t, t in metres."""
-        world_T_camera = np.eye(4)
-        world_T_camera[:3, :3] = R.T
-        world_T_camera[:3, 3] = -R.T @ t_m
+        world_T_camera = inverse(pose_of(R, t_m))
         return cls(name, size_px, K, world_T_camera, np.asarray(distortion, dtype=float), lens)
 
     @property
@@ -141,11 +113,7 @@ class Camera:
 
     @cached_property
     def camera_T_world(self) -> Float[np.ndarray, "4 4"]:
-        R = self.world_T_camera[:3, :3]
-        inverse = np.eye(4)
-        inverse[:3, :3] = R.T
-        inverse[:3, 3] = -R.T @ self.position_m
-        return inverse
+        return inverse(self.world_T_camera)
 
     def to_camera_frame(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 3"]:
         """World points in the camera frame, metres; the third coordinate is the depth."""
@@ -180,40 +148,15 @@ class Camera:
         """
         if not self.distorts:
             return points_px.copy()
-        import cv2
-
-        flat = np.ascontiguousarray(points_px.reshape(-1, 2))
-        known = np.isfinite(flat).all(axis=1)
-        if not known.any():
-            return points_px.copy()
-        undistorted = np.full_like(flat, np.nan)
-        source = flat[known][:, None]
-        if self.lens == "fisheye":
-            image = cv2.fisheye.undistortPoints(source, self.K, self.distortion, P=self.K, criteria=_UNDISTORT_CRITERIA)
-        else:
-            image = cv2.undistortImagePoints(source, self.K, self.distortion, arg1=_UNDISTORT_CRITERIA)
-        undistorted[known] = image[:, 0]
-        # OpenCV's iteration returns whatever it has when there is nothing to converge to.
-        round_trip_px = np.linalg.norm(self.distort(undistorted) - flat, axis=1)
-        undistorted[~(round_trip_px <= _MAX_ROUND_TRIP_PX)] = np.nan
-        return undistorted.reshape(points_px.shape)
+        flat = without_distortion(points_px.reshape(-1, 2), self.K, self.distortion, self.lens)
+        return flat.reshape(points_px.shape)
 
     def distort(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:
         """Pixels in the original image of undistorted pixels: the inverse of undistort."""
         if not self.distorts:
             return undistorted_px.copy()
-        import cv2
-
-        flat = undistorted_px.reshape(-1, 2)
-        known = np.isfinite(flat).all(axis=1)
-        distorted = np.full_like(flat, np.nan)
-        if known.any():
-            rays = np.concatenate([(flat[known] - self.K[:2, 2]) / np.diag(self.K)[:2], np.ones((known.sum(), 1))], 1)
-            zero = np.zeros(3)
-            projector = cv2.fisheye.projectPoints if self.lens == "fisheye" else cv2.projectPoints
-            image, _ = projector(rays[:, None], zero, zero, self.K, self.distortion)
-            distorted[known] = image[:, 0]
-        return distorted.reshape(undistorted_px.shape)
+        flat = with_distortion(undistorted_px.reshape(-1, 2), self.K, self.distortion, self.lens)
+        return flat.reshape(undistorted_px.shape)
 
     @cached_property
     def gtsam_intrinsics(self) -> gtsam.Cal3_S2:

@@ -179,10 +179,10 @@ def _by_plain_name(names: Iterable[str], where: str) -> dict[str, str]:
 def visible(folder: Path) -> list[Path]:
     """The entries of a folder in natural order, without those whose names begin with a dot: macOS puts ``._name``
     beside each file on a disk that is not its own. Raises OSError if it cannot be listed."""
-    return shown(folder.iterdir())
+    return not_hidden(folder.iterdir())
 
 
-def shown(paths: Iterable[Path]) -> list[Path]:
+def not_hidden(paths: Iterable[Path]) -> list[Path]:
     """Those that are not hidden, in natural order."""
     return sorted((path for path in paths if not path.name.startswith(".")), key=lambda path: natural_key(path.name))
 

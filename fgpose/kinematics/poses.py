@@ -15,7 +15,7 @@ from fgpose.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class Segment:
+class BodySegment:
     """How a segment is found."""
 
     name: str
@@ -29,24 +29,24 @@ class Segment:
     """Landmark at the end of the next segment, which is bent towards this direction of x."""
 
 
-def _limb(side: str) -> tuple[Segment, ...]:
+def _limb(side: str) -> tuple[BodySegment, ...]:
     def at(name: str) -> str:
         return f"{side}_{name}"
 
     return (
-        Segment(at("thigh"), "pelvis", (at("hip"),), (at("knee"),), twist=(at("ankle"), -1.0)),
-        Segment(at("shank"), at("thigh"), (at("knee"),), (at("ankle"),)),
-        Segment(at("foot"), at("shank"), (at("ankle"),), (at("toe"),), axis=(1.0, 0.0, 0.0)),
-        Segment(at("upper_arm"), "thorax", (at("shoulder"),), (at("elbow"),), twist=(at("wrist"), 1.0)),
-        Segment(at("forearm"), at("upper_arm"), (at("elbow"),), (at("wrist"),)),
+        BodySegment(at("thigh"), "pelvis", (at("hip"),), (at("knee"),), twist=(at("ankle"), -1.0)),
+        BodySegment(at("shank"), at("thigh"), (at("knee"),), (at("ankle"),)),
+        BodySegment(at("foot"), at("shank"), (at("ankle"),), (at("toe"),), axis=(1.0, 0.0, 0.0)),
+        BodySegment(at("upper_arm"), "thorax", (at("shoulder"),), (at("elbow"),), twist=(at("wrist"), 1.0)),
+        BodySegment(at("forearm"), at("upper_arm"), (at("elbow"),), (at("wrist"),)),
     )
 
 
 _SHOULDERS, _HIPS = ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip")
 SEGMENTS = (
-    Segment("pelvis", None, _HIPS, _SHOULDERS, axis=(0.0, 1.0, 0.0)),
-    Segment("thorax", "pelvis", _HIPS, _SHOULDERS, axis=(0.0, 1.0, 0.0)),
-    Segment("head", "thorax", _SHOULDERS, ("head",), axis=(0.0, 1.0, 0.0)),
+    BodySegment("pelvis", None, _HIPS, _SHOULDERS, axis=(0.0, 1.0, 0.0)),
+    BodySegment("thorax", "pelvis", _HIPS, _SHOULDERS, axis=(0.0, 1.0, 0.0)),
+    BodySegment("head", "thorax", _SHOULDERS, ("head",), axis=(0.0, 1.0, 0.0)),
     *_limb("left"),
     *_limb("right"),
 )
@@ -57,7 +57,7 @@ SEGMENTS = (
 class SegmentPoses:
     """The segments of a body over time, in a world with z up. NaN where a landmark is missing."""
 
-    segments: tuple[Segment, ...]
+    segments: tuple[BodySegment, ...]
     """Of SEGMENTS those that the skeleton has, as far as their parents."""
     time_s: Float[np.ndarray, " frame"]
     world_R_segment: Float[np.ndarray, "frame segment 3 3"]
@@ -116,8 +116,8 @@ def segment_poses(trajectory: Trajectory, world_up: WorldUp = "z") -> SegmentPos
     )
 
 
-def _segments_of(points: Points) -> tuple[Segment, ...]:
-    found: dict[str | None, Segment] = {}
+def _segments_of(points: Points) -> tuple[BodySegment, ...]:
+    found: dict[str | None, BodySegment] = {}
     for each in SEGMENTS:
         if set(each.start + each.end) <= points.keys() and (each.parent is None or each.parent in found):
             found[each.name] = each
@@ -128,7 +128,7 @@ def _middle(points: Points, names: tuple[str, ...]) -> Vectors:
     return np.mean([points[name] for name in names], axis=0)
 
 
-def _swung(world_R_parent: Rotations, segment: Segment, points: Points) -> Rotations:
+def _swung(world_R_parent: Rotations, segment: BodySegment, points: Points) -> Rotations:
     """The parent's rotation, turned the shortest way so that the segment's axis points to its end."""
     wanted = unit(_middle(points, segment.end) - _middle(points, segment.start))
     present = world_R_parent @ np.array(segment.axis)
@@ -142,7 +142,7 @@ def _reflection(normal: Vectors) -> Rotations:
 
 
 def _twist(
-    swung: Rotations, segment: Segment, points: Points, time_s: Float[np.ndarray, " frame"]
+    swung: Rotations, segment: BodySegment, points: Points, time_s: Float[np.ndarray, " frame"]
 ) -> tuple[Rotations, Bool[np.ndarray, " frame"]]:
     """Rotation about the segment's own y axis, and where the plane of its limb tells it."""
     n_frames = len(time_s)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 
-from fgpose.association.track import TrackState
+from fgpose.association.track import Tracked, TrackState
 from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Status
+
+# ISO 13855 takes people to walk at up to 1.6 m/s: as two standard deviations.
+_SIGMA_MPS = 0.8
 
 
 class CameraState(Enum):
@@ -85,6 +89,36 @@ class LivePerson:
     """(J,) values of fgpose.Status."""
     probability: np.ndarray
     """(J,) that at least one camera really sees the joint at the moment."""
+
+    @staticmethod
+    def of(tracked: Tracked) -> LivePerson:
+        """At the time of the newest images. Raises ValueError if the estimate has no covariance."""
+        estimate, visibility = tracked.estimate, tracked.estimate.visibility
+        if estimate.covariance_m2 is None:
+            raise ValueError("a live system needs the covariance of the newest pose: set online.covariance")
+        return LivePerson(
+            person=tracked.person,
+            state=tracked.state,
+            positions_m=estimate.positions_m,
+            covariance_m2=estimate.covariance_m2,
+            status=estimate.status,
+            probability=(
+                np.zeros(len(estimate.status))
+                if visibility is None
+                else 1 - np.prod(1 - np.where(np.isfinite(visibility), visibility, 0.0), axis=0)
+            ),
+        )
+
+    def coasting(self, unseen_s: float) -> LivePerson:
+        """When no image has told anything for this long: they may have gone anywhere."""
+        known = np.asarray(self.status != Status.UNOBSERVABLE)
+        return replace(
+            self,
+            state=TrackState.COASTING,
+            covariance_m2=self.covariance_m2 + (_SIGMA_MPS * unseen_s) ** 2 * np.eye(3),
+            status=np.where(known, Status.PREDICTED, Status.UNOBSERVABLE).astype(np.int8),
+            probability=np.zeros_like(self.probability),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Fault:
+class DistanceFault:
     """Why the distances of a link are not to be believed."""
 
     reason: str
@@ -39,4 +39,4 @@ class LinkDistance:
     """Of the pose of the link; NaN: there was none."""
     observed_share: float
     """Of the surroundings of the link, by at least two cameras that have been ok for a second."""
-    fault: Fault | None
+    fault: DistanceFault | None

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Protocol, TypeVar, runtime_checkable
 
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import Clock
-from fgpose.live.feed import Feed
-from fgpose.live.frame import CameraState, LiveFrame
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.processes.parts import Parts
-from fgpose.live.report import Report
+from fgpose.live.statistics import LiveStatistics
 from fgpose.live.tracking.live_tracking import LiveTracking, Update
 
 Given = TypeVar("Given")
@@ -20,6 +20,25 @@ _SILENT_S = 0.1
 _STATUS_S = 0.05
 # What fails again and again does not keep a core busy.
 _PAUSE_S = 0.05
+
+
+@runtime_checkable
+class Feed(Protocol):
+    """Cameras whose detections come by themselves, whatever happens to a camera."""
+
+    def take(self, timeout_s: float) -> list[RecordedImage]:
+        """Detections that have come and nobody has taken, in the order in which their images were taken. If there are
+        none it waits for some, but not longer than this."""
+        ...
+
+    def go_on(self, camera_names: Collection[str]) -> None:
+        """What came of these cameras is about to be used, or lost: whoever looks at their images may look at the
+        next."""
+        ...
+
+    def statuses(self) -> tuple[CameraStatus, ...]:
+        """Of all cameras now, in the order of the rig. Images that were used are not counted here."""
+        ...
 
 
 @runtime_checkable
@@ -53,7 +72,7 @@ class LiveSystem:
         self._parts = parts or Parts(clock.now_s)
         self._feed, self._tracking, self._clock = feed, tracking, clock
         self._outputs, self._observers = tuple(outputs), tuple(observers)
-        self.report = Report(tracking.rig.names)
+        self.report = LiveStatistics(tracking.rig.names)
         self._cameras, self._looked_s = feed.statuses(), clock.now_s()
         tracking.on_taken = feed.go_on
         self._published_s = clock.now_s()

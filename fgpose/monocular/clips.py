@@ -33,7 +33,7 @@ _MAX_FRAMES_PER_IMAGE = 1000
 _HASHED_BYTES = 1 << 16  # of head, middle and tail: at once even for large videos
 
 
-class Picture(NamedTuple):
+class ClipImage(NamedTuple):
     """One image of a clip."""
 
     number: int
@@ -69,7 +69,7 @@ class Clip:
         last_s = self.times_s(np.full(self.n_images, np.nan))[-1]
         return float(last_s) + 1 / self.fps
 
-    def pictures(self, start: int = 0) -> Iterator[Picture]:
+    def pictures(self, start: int = 0) -> Iterator[ClipImage]:
         """The images from one on, decoded as they are asked for.
 
         A video that cannot be decoded to its end simply ends there.
@@ -167,11 +167,11 @@ class Clip:
                     digest.update(stream.read(_HASHED_BYTES))
         return digest.hexdigest()
 
-    def _of_files(self, start: int) -> Iterator[Picture]:
+    def _of_files(self, start: int) -> Iterator[ClipImage]:
         for index in range(start, len(self.files)):
-            yield Picture(index, float("nan"), _read_image(self.files[index]))
+            yield ClipImage(index, float("nan"), _read_image(self.files[index]))
 
-    def _of_video(self, start: int) -> Iterator[Picture]:
+    def _of_video(self, start: int) -> Iterator[ClipImage]:
         import cv2
 
         video = _open_video(self.path)
@@ -187,7 +187,7 @@ class Clip:
                 read, image = video.retrieve()
                 if not read:
                     return
-                yield Picture(index, stamp_s, _rgb(image))
+                yield ClipImage(index, stamp_s, _rgb(image))
                 index += 1
         finally:
             video.release()

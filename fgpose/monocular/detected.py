@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Int, Shaped
 
 from fgpose.association.chosen_person import Chosen, PersonRegion, chosen_person
-from fgpose.frame_matching import MatchedFrames
+from fgpose.correspondences import NOBODY, MatchedFrames
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.network import People
 from fgpose.monocular.sources import Sources
 from fgpose.observations import Observations
-from fgpose.people_observations import NOBODY, Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from fgpose.child_process import n_cores
 from fgpose.geometry.camera import Camera
 from fgpose.io.atomic import check_writable
-from fgpose.monocular.clips import Clip, Picture
+from fgpose.monocular.clips import Clip, ClipImage
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection_cache import ViewDetections, cache_path, load_detections, store_detections
 from fgpose.monocular.network import Network, People, Tracker
@@ -100,7 +100,7 @@ class _View:
         self._people: list[People] = [] if known is None else known.unstacked()
         self._ended = known is not None and known.ended
         self._stored = len(self._people), self._ended
-        self._pictures: Iterator[Picture] | None = None
+        self._pictures: Iterator[ClipImage] | None = None
         self._tracker: Tracker | None = None
 
     @property

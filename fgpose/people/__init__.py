@@ -15,8 +15,8 @@ from fgpose.assessment.stays import Stay
 from fgpose.association.chosen_person import PersonRegion
 from fgpose.association.recording import Association
 from fgpose.association.track import TrackEvent, TrackState
-from fgpose.frame_matching import MatchedFrames
-from fgpose.people_observations import Detections, PeopleObservations, Seen
+from fgpose.correspondences import MatchedFrames, Seen
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.tracking import SmoothedPeople, Tracked, Tracker, smooth_people
 
 __all__ = [

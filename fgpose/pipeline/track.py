@@ -13,12 +13,13 @@ from jaxtyping import Float
 from fgpose.association.recording import Association, Progress
 from fgpose.association.track import TrackEvent
 from fgpose.config import Config
+from fgpose.correspondences import Seen, SeenInImage
 from fgpose.estimation.estimator import Estimator
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
-from fgpose.people_observations import Detections, PeopleObservations, Seen, SeenInImage
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.pipeline.result import Result
 from fgpose.pipeline.source import AnySource
 from fgpose.sampling import nearest

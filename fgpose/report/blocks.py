@@ -10,7 +10,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """A cell of a table."""
 
     text: str
@@ -31,7 +31,7 @@ class Table:
 
     kind: ClassVar[str] = "table"
     columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[TableCell, ...], ...]
     caption: str = ""
     numeric: tuple[bool, ...] = ()
     """Which columns are of numbers; by default all but the first."""
@@ -77,7 +77,7 @@ class Note:
 
 
 @dataclass(frozen=True)
-class Picture:
+class JpegPicture:
     """A JPEG image."""
 
     source: str
@@ -88,13 +88,13 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Moment:
+class PicturedMoment:
     """A moment with its pictures."""
 
     kind: ClassVar[str] = "moment"
     title: str
     reason: str
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[JpegPicture, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class OfPerson:
     """Whether they are the one who is shown first."""
 
 
-Block = Table | Plot | Note | Moment | Text | OfPerson
+Block = Table | Plot | Note | PicturedMoment | Text | OfPerson
 
 
 @dataclass(frozen=True)
@@ -139,22 +139,22 @@ class Section:
         return [block for block in inner if isinstance(block, Plot)]
 
 
-def number(value: float | int | None, digits: int = 1, unit: str = "", *, worst: float = np.nan) -> Cell:
+def number(value: float | int | None, digits: int = 1, unit: str = "", *, worst: float = np.nan) -> TableCell:
     """A number with its unit, as a cell; a dash where it is not known.
 
     Args:
         worst: the value at which the cell is fully coloured; half of it is not coloured at all.
     """
     if value is None or not np.isfinite(value):
-        return Cell("–", key=float("-inf"))
+        return TableCell("–", key=float("-inf"))
     shade = float(np.clip(2 * value / worst - 1, 0, 1)) if np.isfinite(worst) and worst > 0 else 0.0
     text = f"{value:.{digits}f}{unit}"
-    return Cell(text.removeprefix("-") if float(f"{value:.{digits}f}") == 0 else text, shade, float(value))
+    return TableCell(text.removeprefix("-") if float(f"{value:.{digits}f}") == 0 else text, shade, float(value))
 
 
-def percent(share: float, digits: int = 0, *, bad_below: float = np.nan) -> Cell:
+def percent(share: float, digits: int = 0, *, bad_below: float = np.nan) -> TableCell:
     """A share, as a cell: coloured below a limit, the stronger the further it is from it."""
     if not np.isfinite(share):
-        return Cell("–", key=float("-inf"))
+        return TableCell("–", key=float("-inf"))
     shade = float(np.clip((bad_below - share) / bad_below, 0, 1)) if np.isfinite(bad_below) else 0.0
-    return Cell(f"{100 * share:.{digits}f} %", shade, float(share))
+    return TableCell(f"{100 * share:.{digits}f} %", shade, float(share))

@@ -14,7 +14,7 @@ from fgpose.report.plots import share_time
 
 
 @dataclass(frozen=True)
-class Figure:
+class KeyFigure:
     """A number at the head of a page."""
 
     name: str
@@ -24,7 +24,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Headline:
     """What is said first."""
 
     heading: str
@@ -42,8 +42,8 @@ class Page:
     made: str
     """Below it: when, and from what."""
     sections: Sequence[Section]
-    figures: Sequence[Figure] = field(default_factory=tuple)
-    verdict: Verdict | None = None
+    figures: Sequence[KeyFigure] = field(default_factory=tuple)
+    verdict: Headline | None = None
 
 
 def html(page: Page) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.io.atomic import write_text
-from fgpose.report.page import Figure, Page, Verdict, html
+from fgpose.report.page import Headline, KeyFigure, Page, html
 from fgpose.report.quality import Quality, quality
 from fgpose.report.sections import sections
 
@@ -48,26 +48,32 @@ def _made(judged: Quality) -> str:
     return f"{people}, {cameras}, {judged.n_joints} joints. Report of {datetime.now():%d %B %Y, %H:%M}."
 
 
-def figures(judged: Quality) -> list[Figure]:
+def figures(judged: Quality) -> list[KeyFigure]:
     """The numbers at the head; what is not known is left out."""
 
     def share(value: float) -> str:
         return f"{100 * value:.1f}"
 
     all_of_them = [
-        (judged.duration_s, Figure("Duration", f"{judged.duration_s:.1f}", "s")),
-        (judged.rate_hz, Figure("Rate", f"{judged.rate_hz:.4g}", "Hz", f"{judged.n_frames} frames")),
-        (judged.seen_share, Figure("Seen by two cameras", share(judged.seen_share), "%", "of all joints and frames")),
-        (judged.predicted_share, Figure("Predicted", share(judged.predicted_share), "%", "from bones and motion")),
-        (judged.views, Figure("Cameras per joint", f"{judged.views:.1f}", "", "mean over joints and frames")),
-        (judged.reprojection_px, Figure("Reprojection error", f"{judged.reprojection_px:.1f}", "px", "median")),
-        (judged.sigma_mm, Figure("Sigma", f"{judged.sigma_mm:.1f}", "mm", "median, largest axis of each joint")),
-        (judged.hallucinated_share, Figure("Hallucinated", share(judged.hallucinated_share), "%", "of the detections")),
+        (judged.duration_s, KeyFigure("Duration", f"{judged.duration_s:.1f}", "s")),
+        (judged.rate_hz, KeyFigure("Rate", f"{judged.rate_hz:.4g}", "Hz", f"{judged.n_frames} frames")),
+        (
+            judged.seen_share,
+            KeyFigure("Seen by two cameras", share(judged.seen_share), "%", "of all joints and frames"),
+        ),
+        (judged.predicted_share, KeyFigure("Predicted", share(judged.predicted_share), "%", "from bones and motion")),
+        (judged.views, KeyFigure("Cameras per joint", f"{judged.views:.1f}", "", "mean over joints and frames")),
+        (judged.reprojection_px, KeyFigure("Reprojection error", f"{judged.reprojection_px:.1f}", "px", "median")),
+        (judged.sigma_mm, KeyFigure("Sigma", f"{judged.sigma_mm:.1f}", "mm", "median, largest axis of each joint")),
+        (
+            judged.hallucinated_share,
+            KeyFigure("Hallucinated", share(judged.hallucinated_share), "%", "of the detections"),
+        ),
     ]
     return [figure for value, figure in all_of_them if value == value]
 
 
-def verdict(judged: Quality) -> Verdict:
+def verdict(judged: Quality) -> Headline:
     """What is suspicious, in words."""
     n = len(judged.suspicions)
     heading = (
@@ -75,4 +81,4 @@ def verdict(judged: Quality) -> Verdict:
     )
     intro = "The most important first. " if n > 1 else ""
     intro += "Judged from the result itself and published limits of human motion, not from a truth."
-    return Verdict(heading, intro, judged.suspicions)
+    return Headline(heading, intro, judged.suspicions)

@@ -15,9 +15,9 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import in_pieces, is_changing
 from fgpose.geometry.up_axis import UpChoice
-from fgpose.io.calibration import load_calibration_origin, load_rig
+from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, load_rig
 from fgpose.io.made_by import made_by
-from fgpose.io.names import shown
+from fgpose.io.names import not_hidden
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import EXTENSIONS, load_origin, load_upright
 from fgpose.observations import Observations
@@ -61,7 +61,7 @@ def _results(folder: Path) -> dict[str, Path]:
     another command, both have names of their own."""
     files: dict[str, Path] = {}
     for extension in EXTENSIONS:
-        for file in shown(folder.glob(f"*{extension}")):
+        for file in not_hidden(folder.glob(f"*{extension}")):
             files.setdefault(_without_person(file.stem), file)
     of_runs: dict[str, dict[str, Path]] = {}
     for stem, file in files.items():
@@ -123,26 +123,19 @@ def load_finished(
         OSError: a file cannot be read.
     """
     origin = load_origin(result) or Origin()
-    rig_file = rig or (None if origin.rig is not None else _rig_beside(result))
-    given = load_rig(rig_file) if rig_file is not None else origin.rig
+    rig_file, given, known = _calibration(result, rig, origin)
     people, up_R_world, axes = _upright(result, world_up, given)
     given = None if given is None else given.turned(up_R_world)
     cameras = None if given is None else _rig_of(rig_file or result, given, next(iter(people.values())))
-    # Of another rig than the one that was used, what was found of it does not hold; its file may know of it itself.
-    known = origin.calibration if rig_file is None else load_calibration_origin(rig_file)
     known = known.subset(cameras.names) if cameras is not None else known
     origin = replace(origin, calibration=known)
-    made_from = {"Result": str(result)} | facts_of(origin) | _named(Calibration=rig_file, Videos=videos)
-    made_from |= _named(Axes=axes)
-    if keypoints is not None and given is None:
-        raise ValueError(f"{keypoints}: keypoints are shown with a calibration (--rig FILE)")
-    observations: Mapping[int, Observations] = {}
-    if keypoints is not None and given is not None:
-        made_from["Keypoints"] = str(keypoints)
-        observations = used_detections(keypoints, given, people, fps)
-    elif observed and (file := origin.input_file("Keypoints")) is not None and given is not None:
+    made_from = {"Result": str(result)} | facts_of(origin) | _named(Calibration=rig_file, Videos=videos, Axes=axes)
+    if keypoints is not None:
+        observations, made_from["Keypoints"] = _named_detections(keypoints, given, people, fps), str(keypoints)
+    else:
+        file = origin.input_file("Keypoints") if observed else None
         observations, problem = _still_there(file, given, people, fps or origin.fps)
-        made_from["Keypoints"] += f". {problem}" if problem else ""
+        made_from |= {"Keypoints": f"{made_from['Keypoints']}. {problem}"} if problem else {}
     folder = Path(os.path.abspath(result)).parent
     with naming(result):
         return FinishedRecording(
@@ -161,10 +154,31 @@ def load_finished(
         )
 
 
+def _calibration(
+    result: Path, wanted: Path | None, origin: Origin
+) -> tuple[Path | None, CameraRig | None, CalibrationOrigin]:
+    """The file that is wanted, or stands beside a result that does not have its rig; the rig, and where it is from."""
+    file = wanted or (None if origin.rig is not None else _rig_beside(result))
+    if file is None:
+        return None, origin.rig, origin.calibration
+    # Of another rig than the one that was used, what was found of it does not hold; its file may know of it itself.
+    return file, load_rig(file), load_calibration_origin(file)
+
+
+def _named_detections(
+    keypoints: Path, rig: CameraRig | None, people: Mapping[int, Trajectory], fps: float | None
+) -> Mapping[int, Observations]:
+    if rig is None:
+        raise ValueError(f"{keypoints}: keypoints are shown with a calibration (--rig FILE)")
+    return used_detections(keypoints, rig, people, fps)
+
+
 def _still_there(
-    file: InputFile, rig: CameraRig, people: Mapping[int, Trajectory], fps: float | None
+    file: InputFile | None, rig: CameraRig | None, people: Mapping[int, Trajectory], fps: float | None
 ) -> tuple[Mapping[int, Observations], str]:
     """What the cameras saw, or why that cannot be read any more."""
+    if file is None or rig is None:
+        return {}, ""
     if not file.is_there:
         return {}, "They are not there any more, or others: nothing that needs them is judged; --keypoints PATH helps"
     try:

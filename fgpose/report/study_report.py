@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.series import known_quantile
 from fgpose.io.atomic import write_text
-from fgpose.report.blocks import Block, Cell, Plot, Section, Table, number
-from fgpose.report.page import Figure, Page, html
+from fgpose.report.blocks import Block, Plot, Section, Table, TableCell, number
+from fgpose.report.page import KeyFigure, Page, html
 from fgpose.report.plots import COLOURS, models, plain_figure
 
 MEASURES = {
@@ -165,18 +165,18 @@ def _figures(
     others: Sequence[StudyRecording],
     columns: Mapping[str, Float[np.ndarray, " recording"]],
     scores: Sequence[Outlier],
-) -> list[Figure]:
+) -> list[KeyFigure]:
     n_outliers = sum(score.z >= OUTLIER_Z for score in scores)
     medians = {name: known_quantile(columns[name], 0.5) for name in ("seen_share", "reprojection_px", "sigma_mm")}
     return [
-        Figure("Recordings done", f"{len(done)}", f"of {len(done) + len(others)}"),
-        Figure("Failed or not done", f"{len(others)}"),
-        Figure("Outliers", f"{n_outliers}", "", f"z of {OUTLIER_Z} or more in some measure"),
-        Figure("With suspicions", f"{int(np.nansum(columns['n_suspicions'] > 0))}"),
-        Figure("Recorded", f"{np.nansum(columns['duration_s']) / 60:.1f}", "min"),
-        Figure("Seen by two cameras", f"{100 * medians['seen_share']:.1f}", "%", "median of the recordings"),
-        Figure("Reprojection error", f"{medians['reprojection_px']:.1f}", "px", "median of the recordings"),
-        Figure("Sigma", f"{medians['sigma_mm']:.1f}", "mm", "median of the recordings"),
+        KeyFigure("Recordings done", f"{len(done)}", f"of {len(done) + len(others)}"),
+        KeyFigure("Failed or not done", f"{len(others)}"),
+        KeyFigure("Outliers", f"{n_outliers}", "", f"z of {OUTLIER_Z} or more in some measure"),
+        KeyFigure("With suspicions", f"{int(np.nansum(columns['n_suspicions'] > 0))}"),
+        KeyFigure("Recorded", f"{np.nansum(columns['duration_s']) / 60:.1f}", "min"),
+        KeyFigure("Seen by two cameras", f"{100 * medians['seen_share']:.1f}", "%", "median of the recordings"),
+        KeyFigure("Reprojection error", f"{medians['reprojection_px']:.1f}", "px", "median of the recordings"),
+        KeyFigure("Sigma", f"{medians['sigma_mm']:.1f}", "mm", "median of the recordings"),
     ]
 
 
@@ -188,8 +188,15 @@ def _table(
 ) -> Table:
     headings = ("recording", "way, and seen", "status", "z", "in words", *(heading for _, heading, *_ in _COLUMNS))
     unknown = len(_COLUMNS) * [number(None)]
-    rows: list[tuple[Cell, ...]] = [
-        (_linked(each), Cell(""), Cell(each.status, 1.0), number(None), Cell(each.reason, is_long=True), *unknown)
+    rows: list[tuple[TableCell, ...]] = [
+        (
+            _linked(each),
+            TableCell(""),
+            TableCell(each.status, 1.0),
+            number(None),
+            TableCell(each.reason, is_long=True),
+            *unknown,
+        )
         for each in others
     ]
     for n in sorted(range(len(done)), key=lambda n: -scores[n].z):
@@ -199,21 +206,21 @@ def _table(
         ]
         unlike = f"{_WORDS[score.measure]} unlike the others. ".capitalize() if score.z >= OUTLIER_Z else ""
         rows.append((
-            _linked(each), Cell("", svg=each.picture, key=-score.z), Cell(each.status),
-            number(score.z, 1, worst=2 * OUTLIER_Z), Cell(f"{unlike}{each.reason}", is_long=True), *numbers,
+            _linked(each), TableCell("", svg=each.picture, key=-score.z), TableCell(each.status),
+            number(score.z, 1, worst=2 * OUTLIER_Z), TableCell(f"{unlike}{each.reason}", is_long=True), *numbers,
         ))  # fmt: skip
     numeric = (False, False, False, True, False, *len(_COLUMNS) * (True,))
     return Table(headings, tuple(rows), "", numeric, identifier="recordings-table", sorted_by=3)
 
 
-def _linked(recording: StudyRecording) -> Cell:
+def _linked(recording: StudyRecording) -> TableCell:
     # Quoted, a name is no address: javascript:... would run in the page.
-    return Cell(recording.name, href=quote(recording.report))
+    return TableCell(recording.name, href=quote(recording.report))
 
 
-def _shaded(cell: Cell, name: str, score: Outlier) -> Cell:
+def _shaded(cell: TableCell, name: str, score: Outlier) -> TableCell:
     """The measure in which a recording is an outlier stands out."""
-    return Cell(cell.text, 0.8, cell.key) if name == score.measure and score.z >= OUTLIER_Z else cell
+    return TableCell(cell.text, 0.8, cell.key) if name == score.measure and score.z >= OUTLIER_Z else cell
 
 
 def _scatter(

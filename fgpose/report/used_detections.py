@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.association.common_clock import on_common_clock
+from fgpose.correspondences import NO_IMAGE
 from fgpose.estimation.evidence.delays import image_motion_px
-from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.changing_rig import is_changing
 from fgpose.io.keypoints import keypoint_cameras, load_people

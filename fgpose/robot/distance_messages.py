@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 
 from fgpose.io.live.packing import packed, unpacked
-from fgpose.live.link_distance import Fault, LinkDistance
-from fgpose.live.reception.message_schema import PackedArray, Schema, shown
+from fgpose.live.link_distance import DistanceFault, LinkDistance
+from fgpose.live.reception.message_schema import PackedArray, Schema, quoted
 from fgpose.live.reception.rejections import MessageError
 from fgpose.robot.distances import NO_SAFETY_FUNCTION
 
@@ -69,7 +69,7 @@ def decode_robot(body: bytes | memoryview, link_names: Collection[str]) -> Robot
     document = _SCHEMA.document(body)
     wrong = sorted(document.world_T_link.keys() - set(link_names))
     if wrong:
-        raise MessageError("link", f"links that the cell does not have: {shown(wrong)}; it has {shown(link_names)}")
+        raise MessageError("link", f"links that the cell does not have: {quoted(wrong)}; it has {quoted(link_names)}")
     poses = {name: _pose(name, pose) for name, pose in document.world_T_link.items()}
     if document.time_s is not None and not abs(document.time_s) < _LARGEST_S:
         raise MessageError("time", f"time_s is a Unix time, got {document.time_s:g}")
@@ -114,7 +114,7 @@ def decode_distances(body: bytes) -> tuple[LinkDistance, ...]:
         raise ValueError(f"not a message of {DISTANCES_FORMAT}, version {VERSION}")
     try:
         return tuple(
-            LinkDistance(**{**link, "fault": None if link["fault"] is None else Fault(**link["fault"])})
+            LinkDistance(**{**link, "fault": None if link["fault"] is None else DistanceFault(**link["fault"])})
             for link in document["links"]
         )
     except (TypeError, KeyError) as error:

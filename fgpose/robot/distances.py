@@ -26,7 +26,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
-from fgpose.live.link_distance import Fault, LinkDistance
+from fgpose.live.link_distance import DistanceFault, LinkDistance
 from fgpose.robot.approach import Approach
 from fgpose.robot.assurance import FOUND_S, Facts, faults_of, is_new
 from fgpose.robot.body import ARM, Body
@@ -81,7 +81,7 @@ class DistanceMonitor:
         self._frame: LiveFrame | None = None
         self._ok_since_s: dict[str, float] = {}
         """Of the cameras that are: from when they were published so."""
-        self._faults: dict[int, Fault] = {}
+        self._faults: dict[int, DistanceFault] = {}
         self._approach = Approach(cell.limits.walking_m_s)
 
     @property
@@ -142,7 +142,7 @@ class DistanceMonitor:
             )
             faults = faults_of(facts, self._limits, now_s)
             if faults:
-                self._faults.setdefault(number, Fault(faults[0], now_s))
+                self._faults.setdefault(number, DistanceFault(faults[0], now_s))
             is_placed = facts.is_rigid and is_new(facts.pose_s, self._limits, now_s)
             nearest = self._nearest(number, frame, measured) if is_placed else _said(-math.inf, -math.inf)
             said.append(

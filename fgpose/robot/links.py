@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.live.tracking.observed import box_grid, in_views
+from fgpose.geometry.field_of_view import in_views
+from fgpose.live.tracking.observed import box_grid
 from fgpose.robot.cell import Cell, Link
 from fgpose.robot.clearance import Shapes
 

@@ -12,7 +12,6 @@ from fgpose.io.names import files_below
 from fgpose.plain_files import open_plain
 from fgpose.study.events import own_events
 from fgpose.study.job import Job
-from fgpose.study.recording import Recording
 from fgpose.study.steps import (
     detect,
     estimate,
@@ -24,12 +23,13 @@ from fgpose.study.steps import (
     report,
     synchronises,
 )
-from fgpose.study.study import Study, skeleton_of
+from fgpose.study.study import StudyDescription, skeleton_of
+from fgpose.study.trial import Trial
 
 _PART_BYTES = 1 << 20
 
 
-def inputs_of(study: Study, recording: Recording) -> dict[str, Path]:
+def inputs_of(study: StudyDescription, recording: Trial) -> dict[str, Path]:
     """The files and folders from which a recording is made, by what they are."""
     inputs = {"source": recording.source}
     if recording.calibration is not None:
@@ -81,73 +81,75 @@ def _files(path: Path) -> Iterator[tuple[str, Path]]:
 
 
 @dataclass(frozen=True)
-class Step:
+class ChainStep:
     """A link of the chain: a function that reads files of a job and writes others."""
 
     name: str
     run: Callable[[Job], None]
-    settings: Callable[[Study], object]
+    settings: Callable[[StudyDescription], object]
     """What of the study file changes its result, beside the steps before."""
-    applies: Callable[[Study, Recording], bool] = lambda study, recording: True
+    applies: Callable[[StudyDescription, Trial], bool] = lambda study, recording: True
     after: tuple[str, ...] = ()
     """Steps whose files it reads, where they apply."""
-    own: Callable[[Study, Recording], object] = lambda study, recording: None
+    own: Callable[[StudyDescription, Trial], object] = lambda study, recording: None
     """What else changes its result, that is of the recording and in none of its files."""
 
 
-def _detects(study: Study, recording: Recording) -> bool:
+def _detects(study: StudyDescription, recording: Trial) -> bool:
     return recording.kind == "videos"
 
 
-def _calibrates(study: Study, recording: Recording) -> bool:
+def _calibrates(study: StudyDescription, recording: Trial) -> bool:
     if study.steps.calibrate == "people":
         # From videos, people calibrate the cameras while they are detected.
         return recording.kind == "keypoints" and not recording.calibrated_on
     return study.steps.calibrate != "given"
 
 
-def _reading(study: Study) -> tuple[object, ...]:
+def _reading(study: StudyDescription) -> tuple[object, ...]:
     data = study.data
     return data.skeleton, data.fps, data.unit, data.points3d_frame, data.points3d_unit, data.cameras
 
 
 STEPS = (
-    Step(
+    ChainStep(
         "detect",
         detect,
         lambda s: (s.detect, s.steps.calibrate, s.steps.synchronise, s.from_people, _reading(s)),
         _detects,
     ),
-    Step("synchronise", find_starts, lambda s: (s.steps.synchronise, _reading(s)), synchronises, after=("detect",)),
-    Step(
+    ChainStep(
+        "synchronise", find_starts, lambda s: (s.steps.synchronise, _reading(s)), synchronises, after=("detect",)
+    ),
+    ChainStep(
         "calibrate",
         recalibrate,
         lambda s: (s.steps.calibrate, s.steps.people, s.from_people, _reading(s), s.parameters),
         _calibrates,
         after=("detect", "synchronise"),
     ),
-    Step(
+    ChainStep(
         "estimate",
         estimate,
         lambda s: (s.steps.people, _reading(s), s.parameters),
         after=("detect", "synchronise", "calibrate"),
     ),
-    Step(
+    ChainStep(
         "angles",
         measure_angles,
         lambda s: s.steps.world_up,
         lambda study, recording: study.steps.angles,
         after=("estimate",),
     ),
-    Step(
+    ChainStep(
         "export",
         export,
         lambda s: (s.steps.formats, s.steps.world_up),
         lambda study, recording: bool(study.steps.formats),
         after=("estimate",),
     ),
-    Step("judge", judge, lambda s: s.steps.world_up, after=("estimate", "calibrate")),
-    Step(
+    ChainStep("judge", judge, lambda s: s.steps.world_up, after=("estimate", "calibrate")),
+    ChainStep(
         "report",
         report,
         lambda s: s.steps.world_up,
@@ -158,12 +160,12 @@ STEPS = (
 )
 
 
-def steps_of(study: Study, recording: Recording) -> tuple[Step, ...]:
+def steps_of(study: StudyDescription, recording: Trial) -> tuple[ChainStep, ...]:
     """Those that apply to a recording, in their order."""
     return tuple(step for step in STEPS if step.applies(study, recording))
 
 
-def fingerprints(study: Study, recording: Recording, contents: Mapping[str, str]) -> dict[str, str]:
+def fingerprints(study: StudyDescription, recording: Trial, contents: Mapping[str, str]) -> dict[str, str]:
     """Of each step that applies: a digest of all that its result is made from, the same on every machine.
 
     Args:

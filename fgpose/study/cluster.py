@@ -13,9 +13,9 @@ from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, cast
 
 from fgpose.child_process import n_cores
-from fgpose.study.process import Outcome, failed, process
-from fgpose.study.recording import Recording
-from fgpose.study.study import Resources, Study
+from fgpose.study.process import RecordingOutcome, failed, process
+from fgpose.study.study import Resources, StudyDescription
+from fgpose.study.trial import Trial
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -172,13 +172,13 @@ class Stream:
     one that kills its worker, and the plan is read as they are done."""
 
     client: Client
-    study: Study
-    recordings: Iterator[Recording]
-    work: Callable[[Study, Recording], Outcome] = process
-    _at_work: dict[Any, Recording] = field(default_factory=dict)
+    study: StudyDescription
+    recordings: Iterator[Trial]
+    work: Callable[[StudyDescription, Trial], RecordingOutcome] = process
+    _at_work: dict[Any, Trial] = field(default_factory=dict)
     _n_begun: int = 0
 
-    def outcomes(self) -> Iterator[Outcome]:
+    def outcomes(self) -> Iterator[RecordingOutcome]:
         """As they come. A recording whose worker died is tried once more when the others are done, alone: more may have
         waited at that worker, and then nothing says which of them it died of.
 
@@ -212,13 +212,13 @@ class Stream:
     def _next(self, n_free: int) -> list[Future]:
         return [self._begun(recording) for _, recording in zip(range(n_free), self.recordings, strict=False)]
 
-    def _begun(self, recording: Recording) -> Future:
+    def _begun(self, recording: Trial) -> Future:
         self._n_begun += 1
         future = self.client.submit(self.work, self.study, recording, key=f"recording-{self._n_begun}", pure=False)
         self._at_work[future.key] = recording
         return future
 
-    def _outcome(self, future: Future, recording: Recording) -> Outcome:
+    def _outcome(self, future: Future, recording: Trial) -> RecordingOutcome:
         if future.status == "finished":
             return future.result()
         if future.status in ("cancelled", "lost"):
@@ -234,6 +234,6 @@ def _has_died(future: Future) -> bool:
     return future.status == "error" and isinstance(future.exception(), KilledWorker)
 
 
-def run(client: Client, study: Study, recordings: Iterable[Recording]) -> Iterator[Outcome]:
+def run(client: Client, study: StudyDescription, recordings: Iterable[Trial]) -> Iterator[RecordingOutcome]:
     """The outcomes of recordings, as they come. Raises SchedulerLostError as Stream.outcomes."""
     yield from Stream(client, study, iter(recordings)).outcomes()

@@ -9,13 +9,13 @@ from typing import Any
 
 from fgpose.io.studies.events import Event, read_events
 from fgpose.study.pattern import PLACEHOLDERS
-from fgpose.study.recording import Recording
-from fgpose.study.study import Study
+from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Trial
 
 _Whose = tuple[tuple[str, str], ...]
 
 
-def own_events(study: Study, recording: Recording) -> tuple[tuple[float, str], ...]:
+def own_events(study: StudyDescription, recording: Trial) -> tuple[tuple[float, str], ...]:
     """Times and names of the events of a recording, in order. Raises ValueError if the table is damaged, OSError if it
     cannot be read."""
     if not study.data.events:
@@ -32,7 +32,7 @@ def _table(path: Path, mtime_ns: int, n_bytes: int) -> Mapping[_Whose, list[Even
     return _by_name(read_events(path))
 
 
-def events_of(recordings: Iterable[Recording], events: Iterable[Event]) -> tuple[list[dict[str, Any]], list[str]]:
+def events_of(recordings: Iterable[Trial], events: Iterable[Event]) -> tuple[list[dict[str, Any]], list[str]]:
     """The events of recordings as rows of a table, and the names of those that no recording has."""
     by_name = _by_name(events)
     rows, found = [], set()
@@ -54,6 +54,6 @@ def _by_name(events: Iterable[Event]) -> dict[_Whose, list[Event]]:
     return by_name
 
 
-def _whose(recording: Recording, by_name: Mapping[_Whose, list[Event]]) -> _Whose:
+def _whose(recording: Trial, by_name: Mapping[_Whose, list[Event]]) -> _Whose:
     """The names of a recording in the columns that the table has."""
     return tuple((name, getattr(recording, name)) for name, _ in next(iter(by_name), ()))

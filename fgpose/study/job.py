@@ -13,8 +13,8 @@ from fgpose.monocular.network import Network
 from fgpose.monocular.networks import open_network
 from fgpose.pipeline import AnySource, load_source
 from fgpose.skeleton import Skeleton
-from fgpose.study.recording import Recording
-from fgpose.study.study import Detect, Study, skeleton_of
+from fgpose.study.study import DetectionSettings, StudyDescription, skeleton_of
+from fgpose.study.trial import Trial
 
 DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
 """What a network found in videos, and the cameras with the intrinsics of these videos."""
@@ -25,13 +25,13 @@ SEEN, CALIBRATION = "seen.parquet", "calibration.toml"
 MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
 
 
-def network(study: Study) -> Network:
+def network(study: StudyDescription) -> Network:
     """The network of a study, opened once in a process. Raises ValueError and OSError as open_network."""
     return _network(study.detect, study.base)
 
 
 @lru_cache(maxsize=1)
-def _network(settings: Detect, base: Path) -> Network:
+def _network(settings: DetectionSettings, base: Path) -> Network:
     file = base / settings.model
     return open_network(
         file if file.is_file() else settings.model,
@@ -45,8 +45,8 @@ def _network(settings: Detect, base: Path) -> Network:
 class Job:
     """The work on one recording, in a folder of its own."""
 
-    study: Study
-    recording: Recording
+    study: StudyDescription
+    recording: Trial
     folder: Path
     """Where the results are made."""
     row: dict[str, Any] = field(default_factory=dict)

@@ -13,8 +13,8 @@ from pathlib import Path
 from fgpose.io.names import natural_key, visible
 from fgpose.study.job import CALIBRATION, CAMERAS
 from fgpose.study.pattern import PLACEHOLDERS, Pattern
-from fgpose.study.recording import Kind, Recording
-from fgpose.study.study import Study
+from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Kind, Trial
 
 # Where a pattern has no such part.
 _ALL = "all"
@@ -29,17 +29,17 @@ class Plan:
     """The recordings of a study, each time looked for anew. Of each only 16 bytes are kept, to notice one that is there
     twice."""
 
-    study: Study
+    study: StudyDescription
     only: str = ""
     """Pattern of subject/session/trial; all by default."""
 
-    def __iter__(self) -> Iterator[Recording]:
+    def __iter__(self) -> Iterator[Trial]:
         """Recordings, and as one with a problem each pattern that matches nothing and each folder that cannot be
         read."""
         for stage in self.stages():
             yield from stage
 
-    def stages(self) -> Iterator[Iterator[Recording]]:
+    def stages(self) -> Iterator[Iterator[Trial]]:
         """The same, in parts each of which needs what comes of those before: first the trials on which the cameras of a
         session are calibrated, if there are such."""
         keys = _Keys()
@@ -51,15 +51,15 @@ class Plan:
         others = (each for each in self._found() if walks.get((each.subject, each.session)) != each)
         yield self._wanted((self._calibrated(each, walks) for each in others), keys)
 
-    def _walks(self) -> dict[tuple[str, str], Recording]:
+    def _walks(self) -> dict[tuple[str, str], Trial]:
         """Of each session the trial on which its cameras are calibrated."""
-        walks: dict[tuple[str, str], Recording] = {}
+        walks: dict[tuple[str, str], Trial] = {}
         for recording in self._found():
             if fnmatchcase(recording.trial, self.study.from_people.trial) and self._is_in_study(recording):
                 walks.setdefault((recording.subject, recording.session), recording)
         return walks
 
-    def _calibrated(self, recording: Recording, walks: Mapping[tuple[str, str], Recording]) -> Recording:
+    def _calibrated(self, recording: Trial, walks: Mapping[tuple[str, str], Trial]) -> Trial:
         """With the calibration of its session."""
         walk = walks.get((recording.subject, recording.session))
         if recording.problem:
@@ -70,7 +70,7 @@ class Plan:
         file = walk.folder(self.study.output) / (CAMERAS if walk.kind == "videos" else CALIBRATION)
         return replace(recording, calibration=file, calibrated_on=walk.key)
 
-    def _wanted(self, found: Iterable[Recording], keys: _Keys) -> Iterator[Recording]:
+    def _wanted(self, found: Iterable[Trial], keys: _Keys) -> Iterator[Trial]:
         for recording in found:
             if self._is_in_study(recording) and (not self.only or fnmatchcase(recording.key, self.only)):
                 yield recording if not recording.trial or keys.is_new(recording) else _twice(recording)
@@ -87,7 +87,7 @@ class Plan:
             raise ValueError(self._nothing())
         return n_recordings
 
-    def _found(self) -> Iterator[Recording]:
+    def _found(self) -> Iterator[Trial]:
         if self.study.data.layout == "pose2sim":
             yield from in_pose2sim(self.study)
             return
@@ -99,7 +99,7 @@ class Plan:
             if not n_found:
                 yield _of_nothing(self.study, pattern)
 
-    def _is_in_study(self, recording: Recording) -> bool:
+    def _is_in_study(self, recording: Trial) -> bool:
         if not recording.trial:
             return not self.only
         if recording.source.is_relative_to(self.study.output):
@@ -129,25 +129,25 @@ class _Keys:
 
     digests: set[bytes] = field(default_factory=set)
 
-    def is_new(self, recording: Recording) -> bool:
+    def is_new(self, recording: Trial) -> bool:
         digest = hashlib.blake2b(recording.key.encode(), digest_size=16).digest()
         is_new = digest not in self.digests
         self.digests.add(digest)
         return is_new
 
 
-def _twice(recording: Recording) -> Recording:
+def _twice(recording: Trial) -> Trial:
     return replace(recording, problem=f"it is there twice: {recording.source} is another of its name")
 
 
-def _of_nothing(study: Study, pattern: str) -> Recording:
+def _of_nothing(study: StudyDescription, pattern: str) -> Trial:
     """Stands in the table for a pattern that matches nothing."""
     kind = "keypoints" if study.data.keypoints else "videos"
     problem = f"data.{kind}: the pattern {pattern!r} matches nothing in {study.root}"
-    return Recording.unknown(study.root / pattern, kind, problem)
+    return Trial.unknown(study.root / pattern, kind, problem)
 
 
-def in_folders(study: Study, pattern: str) -> Iterator[Recording]:
+def in_folders(study: StudyDescription, pattern: str) -> Iterator[Trial]:
     """The recordings that one pattern of the study file describes, and each folder that cannot be read, with its
     problem."""
     kind: Kind = "keypoints" if study.data.keypoints else "videos"
@@ -157,15 +157,15 @@ def in_folders(study: Study, pattern: str) -> Iterator[Recording]:
         if source == calibration:
             continue  # of {subject}/{session}/{trial}, where it lies beside the trials
         subject, session, trial = (names.get(name, _ALL) for name in PLACEHOLDERS)
-        yield Recording(subject, session, trial, source, kind, calibration, problem)
+        yield Trial(subject, session, trial, source, kind, calibration, problem)
     yield from (_unread(error, kind) for error in unread)
 
 
-def _unread(error: OSError, kind: Kind) -> Recording:
-    return Recording.unknown(Path(error.filename or ""), kind, f"{error.filename}: {error.strerror}")
+def _unread(error: OSError, kind: Kind) -> Trial:
+    return Trial.unknown(Path(error.filename or ""), kind, f"{error.filename}: {error.strerror}")
 
 
-def _calibration(study: Study, names: dict[str, str]) -> tuple[Path | None, str]:
+def _calibration(study: StudyDescription, names: dict[str, str]) -> tuple[Path | None, str]:
     """Of a recording with these names, or what is wrong with it."""
     text = study.data.calibration
     if not text or study.steps.calibrate == "people":
@@ -188,7 +188,7 @@ def _found(text: str, root: Path, names: tuple[tuple[str, str], ...]) -> tuple[P
     return tuple(path for path, _ in Pattern(text).matches(root, dict(names)))
 
 
-def in_pose2sim(study: Study) -> Iterator[Recording]:
+def in_pose2sim(study: StudyDescription) -> Iterator[Trial]:
     """The trials below root, as Pose2Sim has them, and each folder that cannot be read, with its problem."""
     kind: Kind = "videos" if study.data.videos else "keypoints"
     wanted = study.data.videos or study.data.keypoints or _KEYPOINTS
@@ -196,8 +196,8 @@ def in_pose2sim(study: Study) -> Iterator[Recording]:
 
 
 def _trials(
-    study: Study, above: tuple[Path, ...], session: Path | None, kind: Kind, wanted: tuple[str, ...]
-) -> Iterator[Recording]:
+    study: StudyDescription, above: tuple[Path, ...], session: Path | None, kind: Kind, wanted: tuple[str, ...]
+) -> Iterator[Trial]:
     """In the last of these folders, each of which is in the one before."""
     folder = above[-1]
     try:
@@ -218,14 +218,14 @@ def _trials(
             yield from _trials(study, (*above, folder / name), session, kind, wanted)
 
 
-def _trial(study: Study, folder: Path, session: Path | None, source: Path, kind: Kind) -> Recording:
+def _trial(study: StudyDescription, folder: Path, session: Path | None, source: Path, kind: Kind) -> Trial:
     base = session or study.root
     *between, trial = folder.relative_to(base).parts or (folder.name,)
     calibration, problem = None, ""
     if study.steps.calibrate != "people":
         calibration, problem = _pose2sim_calibration(session, folder)
     # A session of trials without a folder for each participant is that of one.
-    return Recording("_".join(between) or base.name, base.name, trial, source, kind, calibration, problem)
+    return Trial("_".join(between) or base.name, base.name, trial, source, kind, calibration, problem)
 
 
 @lru_cache(maxsize=16)

@@ -21,18 +21,18 @@ from fgpose.io.studies.results import part_fingerprint, part_path, write_part
 from fgpose.io.studies.state import DoneStep, RecordingState, load_state, save_state
 from fgpose.study.chain import contents_of, fingerprints, inputs_of, stamp_of, steps_of
 from fgpose.study.job import ANGLES, MOTION, Job
-from fgpose.study.recording import Recording
-from fgpose.study.study import Study
+from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Trial
 
 DATA_SETS = {"motion": ("estimate", MOTION), "angles": ("angles", ANGLES)}
 """Folder of each data set, and the step and file of a recording that it is put together from."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RecordingOutcome:
     """What came of a recording."""
 
-    recording: Recording
+    recording: Trial
     status: Literal["done", "unchanged", "failed"]
     ran: tuple[str, ...] = ()
     """The steps that were done."""
@@ -41,7 +41,7 @@ class Outcome:
     took_s: float = 0.0
 
 
-def process(study: Study, recording: Recording) -> Outcome:
+def process(study: StudyDescription, recording: Trial) -> RecordingOutcome:
     """Do what is due of a recording. Never raises an error of the recording: it is in the outcome, and in a file."""
     start_s = time.perf_counter()
     try:
@@ -55,20 +55,22 @@ def process(study: Study, recording: Recording) -> Outcome:
     except Exception as error:  # Whatever it is, the others go on.
         reason = _reason(error, recording.folder(study.output))
         return failed(study, recording, reason, traceback.format_exc(), time.perf_counter() - start_s)
-    return Outcome(recording, "done" if ran else "unchanged", ran, took_s=time.perf_counter() - start_s)
+    return RecordingOutcome(recording, "done" if ran else "unchanged", ran, took_s=time.perf_counter() - start_s)
 
 
-def failed(study: Study, recording: Recording, reason: str, details: str = "", took_s: float = 0.0) -> Outcome:
+def failed(
+    study: StudyDescription, recording: Trial, reason: str, details: str = "", took_s: float = 0.0
+) -> RecordingOutcome:
     """The outcome of a recording that failed; the reason is also written beside its folder, if the disk takes it."""
     if recording.trial:
         try:
             write_text(recording.failure(study.output), f"{reason}\n\n{details}".rstrip() + "\n")
         except OSError as error:
             reason += f" (not written beside its results: {error})"
-    return Outcome(recording, "failed", reason=reason, took_s=took_s)
+    return RecordingOutcome(recording, "failed", reason=reason, took_s=took_s)
 
 
-def due(study: Study, recording: Recording) -> tuple[str, ...]:
+def due(study: StudyDescription, recording: Trial) -> tuple[str, ...]:
     """The steps that process would do. Raises OSError if an input cannot be read."""
     if _waits(recording):
         return tuple(step.name for step in steps_of(study, recording))
@@ -77,7 +79,7 @@ def due(study: Study, recording: Recording) -> tuple[str, ...]:
     return _due(recording.folder(study.output), state, wanted)
 
 
-def _work(study: Study, recording: Recording, caught: Iterable[warnings.WarningMessage]) -> tuple[str, ...]:
+def _work(study: StudyDescription, recording: Trial, caught: Iterable[warnings.WarningMessage]) -> tuple[str, ...]:
     folder = recording.folder(study.output)
     _remove_leftovers(folder)
     if _waits(recording):
@@ -95,14 +97,14 @@ def _work(study: Study, recording: Recording, caught: Iterable[warnings.WarningM
     return ran
 
 
-def _waits(recording: Recording) -> bool:
+def _waits(recording: Trial) -> bool:
     """Whether the trial on which its cameras are calibrated is not done."""
     calibration = recording.calibration
     return bool(recording.calibrated_on) and calibration is not None and not calibration.exists()
 
 
 def _wanted(
-    study: Study, recording: Recording, state: RecordingState | None
+    study: StudyDescription, recording: Trial, state: RecordingState | None
 ) -> tuple[str, Mapping[str, str], dict[str, str]]:
     """Stamp and contents of the inputs, and the fingerprints that the steps should have."""
     inputs = inputs_of(study, recording)
@@ -186,7 +188,7 @@ def _remove_leftovers(folder: Path) -> None:
                 shutil.rmtree(folder.parent / name, ignore_errors=True)
 
 
-def _put_into_data_sets(study: Study, recording: Recording, wanted: Mapping[str, str]) -> None:
+def _put_into_data_sets(study: StudyDescription, recording: Trial, wanted: Mapping[str, str]) -> None:
     for name, (step, file) in DATA_SETS.items():
         if step not in wanted:
             continue

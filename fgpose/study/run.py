@@ -20,15 +20,15 @@ from fgpose.study.chain import fingerprints
 from fgpose.study.cluster import run, workers
 from fgpose.study.events import events_of
 from fgpose.study.plan import Plan
-from fgpose.study.process import DATA_SETS, Outcome
-from fgpose.study.recording import Recording
-from fgpose.study.study import Study
+from fgpose.study.process import DATA_SETS, RecordingOutcome
+from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Trial
 
 QUALITY, EVENTS = "quality", "events.parquet"
 _MAX_REASON_BYTES = 10_000
 OnBegin = Callable[[int], None]
 """Called with the number of recordings once the workers are there."""
-OnOutcome = Callable[[Outcome], None]
+OnOutcome = Callable[[RecordingOutcome], None]
 """Called with each outcome as it comes."""
 
 
@@ -36,14 +36,14 @@ OnOutcome = Callable[[Outcome], None]
 class Tables:
     """What is put together from the folders of the recordings."""
 
-    study: Study
+    study: StudyDescription
     failures: Mapping[str, str]
     """Reasons of this run, by recording: also those that could not be written to the disk."""
     rows: list[dict[str, Any]] = field(default_factory=list)
     _parts: set[Path] = field(default_factory=set)
     _first: dict[str, str] = field(default_factory=dict)
 
-    def add(self, recording: Recording) -> None:
+    def add(self, recording: Trial) -> None:
         """The row of a recording, and its parts of the data sets if it is finished."""
         state = load_state(recording.folder(self.study.output)) if recording.trial else None
         status, reason = self._status(recording, state)
@@ -75,10 +75,10 @@ class Tables:
                 if part not in self._parts:
                     part.unlink(missing_ok=True)
 
-    def _part(self, recording: Recording, data_set: str) -> Path:
+    def _part(self, recording: Trial, data_set: str) -> Path:
         return part_path(self.study.output / data_set, recording.subject, recording.session, recording.trial)
 
-    def _status(self, recording: Recording, state: RecordingState | None) -> tuple[str, str]:
+    def _status(self, recording: Trial, state: RecordingState | None) -> tuple[str, str]:
         if recording.problem:
             return "failed", recording.problem
         if recording.key in self.failures:
@@ -114,7 +114,7 @@ class StudyResult:
 
 
 def run_study(
-    study: Study,
+    study: StudyDescription,
     *,
     scheduler: str = "",
     n_workers: int | None = None,
@@ -159,7 +159,7 @@ def run_study(
     return result
 
 
-def _check_output(study: Study) -> None:
+def _check_output(study: StudyDescription) -> None:
     """Raise OSError if results cannot be written into the folder, or would be written elsewhere through a link."""
     named, base = Path(os.path.normpath(study.output)), study.base
     if named.is_relative_to(base) and not named.resolve().is_relative_to(base.resolve()):
@@ -171,14 +171,14 @@ def _check_output(study: Study) -> None:
     check_unlinked(study.output)
 
 
-def _note(result: StudyResult, outcome: Outcome) -> None:
+def _note(result: StudyResult, outcome: RecordingOutcome) -> None:
     result.counts[outcome.status] += 1
     if outcome.status == "failed":
         name = outcome.recording.key if outcome.recording.trial else str(outcome.recording.source.name)
         result.failures.append((name, outcome.reason))
 
 
-def _events(study: Study) -> tuple[Event, ...]:
+def _events(study: StudyDescription) -> tuple[Event, ...]:
     return read_events(study.file(study.data.events)) if study.data.events else ()
 
 

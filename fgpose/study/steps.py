@@ -45,8 +45,8 @@ from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
 from fgpose.study.events import own_events
 from fgpose.study.job import ANGLES, CALIBRATION, CAMERAS, DETECTED, MOTION, REPORT, SEEN, SYNCHRONISED, Job, network
-from fgpose.study.recording import Recording
-from fgpose.study.study import Study
+from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Trial
 from fgpose.trajectory import Trajectory
 
 # Of these C3D also holds the points.
@@ -98,7 +98,7 @@ def _calibrated(job: Job) -> tuple[Detected, CalibrationOrigin]:
     return detected.recalibrated(found.rig), calibration_from_people(found)
 
 
-def synchronises(study: Study, recording: Recording) -> bool:
+def synchronises(study: StudyDescription, recording: Trial) -> bool:
     """Whether a recording needs starts of its own."""
     if study.steps.calibrate == "people":
         # Where the cameras are calibrated, their starts are found too.
@@ -172,7 +172,7 @@ def _from_keypoints(job: Job) -> CalibratedFromPeople:
     return from_people(job.study, people, intrinsics)
 
 
-def intrinsics_of(study: Study, names: Sequence[str], sizes_px: Sequence[tuple[int, int]]) -> CameraRig:
+def intrinsics_of(study: StudyDescription, names: Sequence[str], sizes_px: Sequence[tuple[int, int]]) -> CameraRig:
     """Of the cameras with these names, as given or guessed. Raises ValueError if the file lacks one, OSError if it
     cannot be read."""
     if study.from_people.intrinsics:
@@ -180,7 +180,7 @@ def intrinsics_of(study: Study, names: Sequence[str], sizes_px: Sequence[tuple[i
     return guessed_intrinsics(names, sizes_px, None)
 
 
-def from_people(study: Study, people: PeopleObservations, intrinsics: CameraRig) -> CalibratedFromPeople:
+def from_people(study: StudyDescription, people: PeopleObservations, intrinsics: CameraRig) -> CalibratedFromPeople:
     """Cameras calibrated from people. Raises ValueError, with the reasons, if that has failed."""
     known = study.from_people
     focal: Focal = "known" if known.intrinsics else unknown_focal(intrinsics)

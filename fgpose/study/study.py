@@ -48,7 +48,7 @@ class Data:
 
 
 @dataclass(frozen=True)
-class Steps:
+class StudySteps:
     """What is done with each recording."""
 
     calibrate: Calibrate = "given"
@@ -70,7 +70,7 @@ class Steps:
 
 
 @dataclass(frozen=True)
-class Detect:
+class DetectionSettings:
     """The network that looks at videos."""
 
     model: str = "blazepose-full"
@@ -106,7 +106,7 @@ class Resources:
 
 
 @dataclass(frozen=True)
-class Study:
+class StudyDescription:
     """A study, as its file describes it."""
 
     name: str
@@ -115,8 +115,8 @@ class Study:
     output: Path
     """Absolute."""
     data: Data
-    steps: Steps = Steps()
-    detect: Detect = Detect()
+    steps: StudySteps = StudySteps()
+    detect: DetectionSettings = DetectionSettings()
     from_people: FromPeople = FromPeople()
     resources: Resources = Resources()
     parameters: Config = field(default_factory=Config)
@@ -140,14 +140,14 @@ class _File:
     name: str = ""
     output: str = ""
     data: Data = Data()
-    steps: Steps = Steps()
-    detect: Detect = Detect()
+    steps: StudySteps = StudySteps()
+    detect: DetectionSettings = DetectionSettings()
     from_people: FromPeople = FromPeople()
     resources: Resources = Resources()
     parameters: Config = field(default_factory=Config)
 
 
-def load_study(path: str | Path) -> Study:
+def load_study(path: str | Path) -> StudyDescription:
     """A study from its TOML file. What it does not name keeps its default.
 
     Raises:
@@ -160,7 +160,7 @@ def load_study(path: str | Path) -> Study:
         return study_of(parse_toml(read_settings(path)), path)
 
 
-def study_of(table: dict[str, Any], path: Path) -> Study:
+def study_of(table: dict[str, Any], path: Path) -> StudyDescription:
     """A study from the tables of a file at this path. Raises ValueError as load_study does."""
     if "scheduler" in (table.get("resources") or ()):
         # What it sends is unpickled, so that whoever wrote the file could run anything here.
@@ -171,7 +171,7 @@ def study_of(table: dict[str, Any], path: Path) -> Study:
     given = _File(**checked_fields(_File, table, ""))
     base = path.absolute().parent
     name = given.name or path.stem
-    return Study(
+    return StudyDescription(
         name=name,
         root=(base / given.data.root).resolve(),
         output=(base / (given.output or f"out/{name}")).absolute(),
@@ -186,7 +186,7 @@ def study_of(table: dict[str, Any], path: Path) -> Study:
     )
 
 
-def _check(study: Study) -> None:
+def _check(study: StudyDescription) -> None:
     data, of_people = study.data, study.steps.calibrate == "people"
     if study.from_people.trial and not of_people:
         raise ValueError('from_people.trial goes with steps.calibrate = "people"')
@@ -209,7 +209,7 @@ def _check(study: Study) -> None:
         load_skeleton(skeleton_of(study))
 
 
-def skeleton_of(study: Study) -> str | Path:
+def skeleton_of(study: StudyDescription) -> str | Path:
     """Name of the skeleton of keypoints, or its file."""
     file = study.file(study.data.skeleton)
     return file if file.is_file() else study.data.skeleton

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.pictures import PictureOptions
-from fgpose.viewer.recording import CalibrationRecording, Recording, SystemRecording, UpAxis
+from fgpose.viewer.recording import CalibrationRecording, Recording, SystemRecording
 
 # Kept for viewers who connect late. 20,000 frames of 8 people in 8 cameras take half of it; of a system some minutes.
 _RESULTS_MB, _PEOPLE_MB, _SYSTEM_MB = 256.0, 1024.0, 128.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -17,7 +17,6 @@ from fgpose.observations import Observations
 from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Trajectory
 
-UpAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 # typing.Self is refused by the checks of the tests.
 _Opened = TypeVar("_Opened", bound="Session")
 WALK = "walk"
@@ -248,7 +247,7 @@ class CameraSaid:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class SystemState:
     """What a live system says at one time."""
 
     time_s: float
@@ -276,7 +275,7 @@ class SystemRecording(Recording):
     ``fgpose.viewer.open_system_recording`` gives one that does. Its memory does not grow with time.
     """
 
-    def log_moment(self, moment: Moment) -> None:
+    def log_moment(self, moment: SystemState) -> None:
         """Show people, detections, pictures, the states of the cameras and the delay.
 
         Raises:

@@ -10,7 +10,7 @@ import pytest
 
 import live_distances
 import live_storm
-from distance_truth import Result
+from distance_truth import DistanceResult
 from storm_plan import FROM_THE_START
 
 
@@ -52,7 +52,7 @@ def test_a_storm_is_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     live_storm.main(0.02, seed=2, output=tmp_path / "at once")
     parts, whole = ((tmp_path / name / "seed_2.json").read_text() for name in ("in parts", "at once"))
     assert parts == whole
-    one, other = (Result(**json.loads(whole)) for _ in range(2))
+    one, other = (DistanceResult(**json.loads(whole)) for _ in range(2))
     one.add(other)
     assert (one.n_sessions, one.n_said) == (6, 2 * other.n_said)
     assert one.faults == {kind: 2 * n for kind, n in other.faults.items()}

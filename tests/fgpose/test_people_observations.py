@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames
+from fgpose.correspondences import NO_IMAGE, NOBODY, MatchedFrames, Seen
 from fgpose.observations import Observations
-from fgpose.people_observations import NOBODY, Detections, PeopleObservations, Seen
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 BODY = Skeleton("body", ("hip", "knee", "foot"), ((0, 1), (1, 2)), (0,))

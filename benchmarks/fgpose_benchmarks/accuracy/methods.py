@@ -26,7 +26,7 @@ from fgpose.observations import Observations
 from fgpose_benchmarks.accuracy.families import Variant
 from fgpose_benchmarks.accuracy.linear import low_pass, triangulate_ransac
 from fgpose_benchmarks.accuracy.peer_methods import peer_methods
-from fgpose_benchmarks.comparison.recording import Method, Recording, Result
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording, Method, MethodResult
 
 # The best for each on the tuning clips, clean and occluded, of 10 to 60 px. (Iskakov et al. publish 30 for RANSAC: on
 # clean recordings as good, 59 instead of 53 mm on occluded ones.)
@@ -49,45 +49,45 @@ def methods(peer: Path | None = None) -> list[Method]:
 
 @dataclass(frozen=True)
 class _Timed:
-    """A solver whose Result is given the wall-clock time that it took."""
+    """A solver whose result is given the wall-clock time that it took."""
 
-    solve: Callable[[Recording], Result]
+    solve: Callable[[BenchmarkRecording], MethodResult]
 
-    def __call__(self, recording: Recording) -> Result:
+    def __call__(self, recording: BenchmarkRecording) -> MethodResult:
         start_s = time.perf_counter()
         result = self.solve(recording)
         return replace(result, time_s=time.perf_counter() - start_s)
 
 
-def _positions_only(estimate: Callable[[Recording], Positions], recording: Recording) -> Result:
-    return Result(estimate(recording), None, np.nan)
+def _positions_only(estimate: Callable[[BenchmarkRecording], Positions], recording: BenchmarkRecording) -> MethodResult:
+    return MethodResult(estimate(recording), None, np.nan)
 
 
-def _of_positions(name: str, group: str, estimate: Callable[[Recording], Positions]) -> Method:
+def _of_positions(name: str, group: str, estimate: Callable[[BenchmarkRecording], Positions]) -> Method:
     return Method(name, group, _Timed(partial(_positions_only, estimate)))
 
 
-def _views_m(recording: Recording) -> Float[np.ndarray, "frame camera joint 3"]:
+def _views_m(recording: BenchmarkRecording) -> Float[np.ndarray, "frame camera joint 3"]:
     observations = recording.observations
     if observations.points3d_m is None:
         return np.full((*observations.points2d_px.shape[:3], 3), np.nan)
     return observations.points3d_m
 
 
-def _one_view(recording: Recording) -> Positions:
+def _one_view(recording: BenchmarkRecording) -> Positions:
     """The absolute 3D of the first camera alone."""
     return _views_m(recording)[:, 0].copy()
 
 
-def _mean_of_views(recording: Recording) -> Positions:
+def _mean_of_views(recording: BenchmarkRecording) -> Positions:
     return mean_known(_views_m(recording), axis=1)
 
 
-def _fused(recording: Recording) -> Positions:
+def _fused(recording: BenchmarkRecording) -> Positions:
     return fuse(recording.observations, recording.rig).positions_m
 
 
-def _dlt(recording: Recording, *, weighted: bool) -> Positions:
+def _dlt(recording: BenchmarkRecording, *, weighted: bool) -> Positions:
     """Direct linear transformation; weighted: each view's equations times its confidence, as the algebraic
     triangulation of Iskakov et al. (2019)."""
     observations, rig = recording.observations, recording.rig
@@ -98,22 +98,22 @@ def _dlt(recording: Recording, *, weighted: bool) -> Positions:
     return triangulate(points_px, information, rig.projection_matrices)
 
 
-def _ransac(recording: Recording) -> Positions:
+def _ransac(recording: BenchmarkRecording) -> Positions:
     return triangulate_ransac(recording.rig.undistort(recording.observations.points2d_px), recording.rig, _RANSAC_PX)
 
 
-def _msac(recording: Recording) -> Positions:
+def _msac(recording: BenchmarkRecording) -> Positions:
     """fgpose's robust triangulation. It gives nothing where no two views agree, which lowers its mean error."""
     observations, rig = recording.observations, recording.rig
     undistorted_px = rig.undistort(observations.points2d_px)
     return triangulate_robust(undistorted_px, observations.confidence, rig, _MSAC_PX).positions_m
 
 
-def _paper(recording: Recording) -> Positions:
+def _paper(recording: BenchmarkRecording) -> Positions:
     return refine(recording.observations, recording.rig).positions_m
 
 
-def _filtered(estimate: Callable[[Recording], Positions], recording: Recording) -> Positions:
+def _filtered(estimate: Callable[[BenchmarkRecording], Positions], recording: BenchmarkRecording) -> Positions:
     return low_pass(estimate(recording), recording.fps)
 
 
@@ -136,42 +136,42 @@ LINEAR = (
 )
 
 
-def _smoothed(observations: Observations, rig: CameraRig, config: Config) -> Result:
+def _smoothed(observations: Observations, rig: CameraRig, config: Config) -> MethodResult:
     trajectory = smooth(observations, rig, config)
     # The truth is known at the times of the first camera, the pose is estimated at the mean time of all.
     earlier_s = observations.frame_time_s - trajectory.time_s
     moved_m = motion_m(trajectory.positions_m, trajectory.time_s, earlier_s[:, None])[:, 0]
-    return Result(trajectory.positions_m + moved_m, trajectory.covariance_m2, np.nan)
+    return MethodResult(trajectory.positions_m + moved_m, trajectory.covariance_m2, np.nan)
 
 
-def _batch(config: Config, recording: Recording) -> Result:
+def _batch(config: Config, recording: BenchmarkRecording) -> MethodResult:
     return _smoothed(recording.observations, recording.rig, config)
 
 
-def _self_calibrated(recording: Recording) -> Result:
+def _self_calibrated(recording: BenchmarkRecording) -> MethodResult:
     """First corrects the poses and clocks of the cameras, from the recording itself."""
     calibrated = self_calibrate(recording.observations, recording.rig)
     result = _smoothed(calibrated.observations, calibrated.rig, Config())
     return replace(result, offsets_s=calibrated.rig.time_offsets_s)
 
 
-def _synchronised(recording: Recording) -> Result:
+def _synchronised(recording: BenchmarkRecording) -> MethodResult:
     """First estimates the time offsets of the cameras, from the recording itself."""
     rig = estimate_time_offsets(recording.observations, recording.rig).rig
     result = _smoothed(recording.observations, rig, Config())
     return replace(result, offsets_s=rig.time_offsets_s)
 
 
-def _newest(recording: Recording) -> Result:
+def _newest(recording: BenchmarkRecording) -> MethodResult:
     """The pose at the time of the newest frame, with nothing that came after it."""
     config = Config(online=OnlineConfig(lag_s=0.2))
     estimator = Estimator(recording.rig, recording.observations.skeleton, config)
     estimates = [estimator.update(frame) for frame in recording.observations]
     covariances_m2 = [estimate.covariance_m2 for estimate in estimates if estimate.covariance_m2 is not None]
-    return Result(np.stack([estimate.positions_m for estimate in estimates]), np.stack(covariances_m2), np.nan)
+    return MethodResult(np.stack([estimate.positions_m for estimate in estimates]), np.stack(covariances_m2), np.nan)
 
 
-def _lagged(lag_s: float, recording: Recording) -> Result:
+def _lagged(lag_s: float, recording: BenchmarkRecording) -> MethodResult:
     """The pose at the time of each frame as it is estimated one lag later. Empty frames follow the recording, so that
     its last frames too are estimated one lag later."""
     config = Config(online=OnlineConfig(lag_s=lag_s, covariance=False))
@@ -181,10 +181,10 @@ def _lagged(lag_s: float, recording: Recording) -> Result:
         estimate = estimator.update(frame)
         if estimate.smoothed is not None and estimate.smoothed.frame < len(positions_m):
             positions_m[estimate.smoothed.frame] = estimate.smoothed.positions_m
-    return Result(positions_m, None, np.nan)
+    return MethodResult(positions_m, None, np.nan)
 
 
-def _empty_frames(recording: Recording, duration_s: float) -> Observations:
+def _empty_frames(recording: BenchmarkRecording, duration_s: float) -> Observations:
     """Frames after the recording in which the cameras see nothing."""
     observations = recording.observations
     n_frames = int(np.ceil(duration_s * recording.fps)) + 1
@@ -209,7 +209,7 @@ OURS = (
 )
 
 
-def _oracle(recording: Recording) -> Result:
+def _oracle(recording: BenchmarkRecording) -> MethodResult:
     """The batch that knows which detections are occluded, how large the noise of the others is, where the cameras are
     and when they took their images.
 

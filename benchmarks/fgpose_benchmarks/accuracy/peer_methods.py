@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fgpose.assessment.metrics import mpjpe_m
 from fgpose_benchmarks.accuracy.peer import Peer, PeerSettings, running_peer
-from fgpose_benchmarks.comparison.recording import Method, Recording, Result
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording, Method, MethodResult
 
 DEFAULT = PeerSettings()
 # Out of 43: the best on the tuning clips (150 frames of each; mean error in mm, clean / occluded / occluded_2_cameras /
@@ -41,13 +41,13 @@ def peer_methods(python: Path) -> list[Method]:
     ]
 
 
-def _solve(python: Path, settings: tuple[PeerSettings, ...], recording: Recording) -> Result:
+def _solve(python: Path, settings: tuple[PeerSettings, ...], recording: BenchmarkRecording) -> MethodResult:
     """The setting with the lowest error on this recording. No user knows the truth, so this favours the peer. The time
     is that of this setting alone."""
     peer = _peer(python)
     results = [peer.solve(recording.observations, recording.rig, each) for each in settings]
     best = min(results, key=lambda result: mpjpe_m(result.positions_m, recording.truth_m))
-    return Result(best.positions_m, None, best.wall_s)
+    return MethodResult(best.positions_m, None, best.wall_s)
 
 
 @cache

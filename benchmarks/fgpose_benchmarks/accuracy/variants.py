@@ -21,7 +21,7 @@ from fgpose.observations import Observations
 from fgpose_benchmarks.accuracy.families import VARIANTS as VARIANTS
 from fgpose_benchmarks.accuracy.families import Layout, Variant
 from fgpose_benchmarks.accuracy.families import find_variant as find_variant
-from fgpose_benchmarks.comparison.recording import Recording
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.synthetic import RealErrors, Scene, embedded_motion, real_errors, ring_rig, simulate
 
 VERSION = 2
@@ -48,7 +48,7 @@ _MEDIAN_OVER_SIGMA = 0.6745  # of the absolute value of a normal distribution
 
 def recordings(
     variants: Iterable[Variant] = VARIANTS, clips: Iterable[str] = TEST_CLIPS, max_frames: int = MAX_FRAMES
-) -> Iterator[Recording]:
+) -> Iterator[BenchmarkRecording]:
     """The recordings of the benchmark, one after the other; the same at each call.
 
     Args:
@@ -65,7 +65,7 @@ def recordings(
             yield record(variant, clip, max_frames)
 
 
-def record(variant: Variant, clip: str, max_frames: int = MAX_FRAMES) -> Recording:
+def record(variant: Variant, clip: str, max_frames: int = MAX_FRAMES) -> BenchmarkRecording:
     """One recording; as recordings()."""
     truth_m, fps = _motion(clip, max_frames, variant.fps, variant.speed)
     rig = _rig(variant.layout)
@@ -87,7 +87,7 @@ def record(variant: Variant, clip: str, max_frames: int = MAX_FRAMES) -> Recordi
     hidden = on_time.occluded | away[..., None]
     known = _without(on_time.observations, hidden)
     delivered = _without(moved_with_cameras(scene.observations, true_rig, rig), away[..., None] | np.zeros_like(hidden))
-    return Recording(
+    return BenchmarkRecording(
         clip=clip,
         variant=variant.name,
         observations=delivered.subset(kept),

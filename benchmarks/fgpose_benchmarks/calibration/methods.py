@@ -11,21 +11,21 @@ from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.calibration.baselines import five_point, procrustes
-from fgpose_benchmarks.calibration.recording import CalibrationMethod, CalibrationRecording, CalibrationResult
+from fgpose_benchmarks.calibration.recording import CalibrationMethod, CalibrationResult, KnownRigRecording
 from fgpose_benchmarks.comparison.recording import Method
 
 OURS = "fgpose"
 
 
 @dataclass(frozen=True)
-class Chain:
+class CalibrationChain:
     """fgpose.calibration.calibrate_from_people; a calibration that it refuses is one that failed."""
 
     parts: Parts = field(default_factory=Parts)
     """Which are turned on."""
     calibrate: Callable[..., CalibratedFromPeople] = calibrate_from_people
 
-    def __call__(self, recording: CalibrationRecording) -> CalibrationResult:
+    def __call__(self, recording: KnownRigRecording) -> CalibrationResult:
         given, start_s = recording.given, time.perf_counter()
         try:
             found = self.calibrate(
@@ -51,7 +51,7 @@ class Told:
     solve: Callable[[Walk, CameraRig], CameraRig]
     is_metric: bool
 
-    def __call__(self, recording: CalibrationRecording) -> CalibrationResult:
+    def __call__(self, recording: KnownRigRecording) -> CalibrationResult:
         start_s = time.perf_counter()
         try:
             rig = self.solve(recording.told, recording.intrinsics)
@@ -66,14 +66,14 @@ class Told:
 METHODS: tuple[CalibrationMethod, ...] = (
     Method("Procrustes of 3D", "baseline", Told(procrustes, is_metric=False)),
     Method("five-point, PnP", "baseline", Told(five_point, is_metric=False)),
-    Method(OURS, "ours", Chain()),
+    Method(OURS, "ours", CalibrationChain()),
 )
 
 ABLATIONS: tuple[CalibrationMethod, ...] = (
-    Method("as it is", "ours", Chain()),
-    Method("no referee", "ours", Chain(Parts(referee=False))),
-    Method("first pair as scaffold", "ours", Chain(Parts(choose_scaffold=False))),
-    Method("focal length held", "ours", Chain(Parts(joint_focal=False))),
-    Method("no bias model", "ours", Chain(Parts(bias=False))),
+    Method("as it is", "ours", CalibrationChain()),
+    Method("no referee", "ours", CalibrationChain(Parts(referee=False))),
+    Method("first pair as scaffold", "ours", CalibrationChain(Parts(choose_scaffold=False))),
+    Method("focal length held", "ours", CalibrationChain(Parts(joint_focal=False))),
+    Method("no bias model", "ours", CalibrationChain(Parts(bias=False))),
 )
 """The chain without a change, then with one part turned on or off at a time."""

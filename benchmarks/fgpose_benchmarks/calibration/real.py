@@ -18,7 +18,7 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
 from fgpose.sampling import frames_per_second
-from fgpose_benchmarks.calibration.recording import CalibrationRecording, Given
+from fgpose_benchmarks.calibration.recording import Given, KnownRigRecording
 
 REAL = {
     "balance_blazepose": "A man on one leg, 1.7 s, four cameras; per-view 3D",
@@ -35,7 +35,7 @@ def available() -> tuple[str, ...]:
     return (*recordings(), *(("webcam_mediapipe",) if (WEBCAM / "landmarks.npz").is_file() else ()))
 
 
-def record_real(name: str) -> CalibrationRecording:
+def record_real(name: str) -> KnownRigRecording:
     """A recording by name. Its joints are those of the batch smoother with the true rig.
 
     Raises:
@@ -49,7 +49,7 @@ def record_real(name: str) -> CalibrationRecording:
     own = _in_camera_frames(observations, rig)
     time_s = own.time_s if own.time_s.ndim == 2 else np.repeat(own.time_s[:, None], rig.n_cameras, axis=1)
     frame_s = own.time_s if own.time_s.ndim == 1 else _first_known(time_s)
-    return CalibrationRecording(
+    return KnownRigRecording(
         clip="real",
         variant=name,
         people=PeopleObservations.of_one(own),

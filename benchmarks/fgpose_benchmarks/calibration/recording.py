@@ -31,7 +31,7 @@ class Given:
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationRecording:
+class KnownRigRecording:
     """A recording whose rig is known. Methods see people, intrinsics and given; told is for the baselines, which have
     no tracking and no clocks of their own, the rest for scoring."""
 
@@ -57,7 +57,7 @@ class CalibrationRecording:
     scene: WalkScene | None = None
     """None for real recordings."""
 
-    def of_cameras(self, names: tuple[str, ...]) -> CalibrationRecording:
+    def of_cameras(self, names: tuple[str, ...]) -> KnownRigRecording:
         """With some of the cameras. Raises ValueError for an unknown name."""
         rig, walk = self.rig.subset(names), self.told
         kept = [self.rig.names.index(name) for name in names]
@@ -94,5 +94,5 @@ class CalibrationResult:
     time_s: float
 
 
-CalibrationMethod = Method[CalibrationRecording, CalibrationResult]
+CalibrationMethod = Method[KnownRigRecording, CalibrationResult]
 """One line of the tables; its group is ours or baseline."""

@@ -16,8 +16,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose_benchmarks.calibration.recording import (
     CalibrationMethod,
-    CalibrationRecording,
     CalibrationResult,
+    KnownRigRecording,
     Outcome,
 )
 from fgpose_benchmarks.comparison.scores import Scored
@@ -83,7 +83,7 @@ class CalibrationScore(Scored):
 
 
 def score_calibration(
-    recording: CalibrationRecording, result: CalibrationResult, method: CalibrationMethod
+    recording: KnownRigRecording, result: CalibrationResult, method: CalibrationMethod
 ) -> CalibrationScore:
     """How good the rig of a result is; cameras that it leaves out do not count.
 
@@ -115,13 +115,13 @@ def score_calibration(
     return _with_sigmas(_with_metric(scored, recording, result), recording, result)
 
 
-def _left_out(refused: CalibrationScore, recording: CalibrationRecording) -> tuple[float, ...]:
+def _left_out(refused: CalibrationScore, recording: KnownRigRecording) -> tuple[float, ...]:
     """For each camera that is not in the rig because nobody knows when it started."""
     n_left_out = refused.n_cameras - recording.rig.n_cameras
     return () if recording.given.synchronised else (0.0,) * n_left_out
 
 
-def _refused(recording: CalibrationRecording, result: CalibrationResult, method: CalibrationMethod) -> CalibrationScore:
+def _refused(recording: KnownRigRecording, result: CalibrationResult, method: CalibrationMethod) -> CalibrationScore:
     """Of a method that gives no rig."""
     nan = float("nan")
     named = (recording.variant, recording.clip, method.name, method.group)
@@ -131,9 +131,7 @@ def _refused(recording: CalibrationRecording, result: CalibrationResult, method:
     )
 
 
-def _with_metric(
-    scored: CalibrationScore, recording: CalibrationRecording, result: CalibrationResult
-) -> CalibrationScore:
+def _with_metric(scored: CalibrationScore, recording: KnownRigRecording, result: CalibrationResult) -> CalibrationScore:
     """Scale, vertical and floor; the world of a real recording need not have z up nor the floor at 0."""
     rig, true_rig = result.rig, recording.rig
     if rig is None or not result.is_metric:
@@ -149,9 +147,7 @@ def _with_metric(
     )
 
 
-def _with_sigmas(
-    scored: CalibrationScore, recording: CalibrationRecording, result: CalibrationResult
-) -> CalibrationScore:
+def _with_sigmas(scored: CalibrationScore, recording: KnownRigRecording, result: CalibrationResult) -> CalibrationScore:
     if result.rig is None or result.sigmas is None:
         return scored
     stated, rig, true_rig = result.sigmas, result.rig, recording.rig
@@ -178,7 +174,7 @@ def _listed(values: np.ndarray) -> tuple[float, ...]:
 
 
 def _smoothed(
-    recording: CalibrationRecording, result: CalibrationResult, starts_s: Float[np.ndarray, " camera"]
+    recording: KnownRigRecording, result: CalibrationResult, starts_s: Float[np.ndarray, " camera"]
 ) -> tuple[float, float, float]:
     """MPJPE in mm with the true rig, and its ratios with the rig of the result: after a similarity, and after a rigid
     motion. NaN where there is no truth, or the frames of the cameras do not belong together."""
@@ -193,7 +189,7 @@ def _smoothed(
 
 
 def _errors_mm(
-    recording: CalibrationRecording, rig: CameraRig, time_s: Float[np.ndarray, "frame camera"]
+    recording: KnownRigRecording, rig: CameraRig, time_s: Float[np.ndarray, "frame camera"]
 ) -> tuple[float, float]:
     """MPJPE of the smoothed walk after a similarity, and after a rigid motion; 2D alone, so that the calibration is all
     that gives depth."""

@@ -16,8 +16,17 @@ from jaxtyping import Float
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.sampling import nearest
 from fgpose_benchmarks.calibration.real import REAL, record_real
-from fgpose_benchmarks.calibration.recording import CalibrationRecording, Focal, Given
-from fgpose_benchmarks.synthetic import Clocks, Network, Occlusion, WalkScene, film, find_studio, stature_m, walkers
+from fgpose_benchmarks.calibration.recording import Focal, Given, KnownRigRecording
+from fgpose_benchmarks.synthetic import (
+    Occlusion,
+    SimulatedClocks,
+    SimulatedNetwork,
+    WalkScene,
+    film,
+    find_studio,
+    stature_m,
+    walkers,
+)
 from fgpose_benchmarks.synthetic.crowd.walkers import Behaviour, Clips
 from fgpose_benchmarks.synthetic.noise import DetectionNoise
 
@@ -48,15 +57,15 @@ class CalibrationVariant:
     """What differs from a walk in the studio; in a sentence without a full stop."""
     behaviour: Behaviour = "walks"
     n_people: int = 1
-    network: Network = field(default_factory=Network)
-    clocks: Clocks = field(default_factory=Clocks)
+    network: SimulatedNetwork = field(default_factory=SimulatedNetwork)
+    clocks: SimulatedClocks = field(default_factory=SimulatedClocks)
     focal: Focal = "known"
     scale: Literal["stature", "distance", "network"] = "stature"
     duration_s: float = DURATION_S
 
 
-_FAR_APART = Clocks(max_start_s=60.0, min_drift_ppm=43.0, max_drift_ppm=145.0)
-_MIXED_RATES = Clocks(fps=(30.0, 25.0, 50.0), max_start_s=20.0, min_drift_ppm=43.0, max_drift_ppm=145.0)
+_FAR_APART = SimulatedClocks(max_start_s=60.0, min_drift_ppm=43.0, max_drift_ppm=145.0)
+_MIXED_RATES = SimulatedClocks(fps=(30.0, 25.0, 50.0), max_start_s=20.0, min_drift_ppm=43.0, max_drift_ppm=145.0)
 _STUDIOS = (
     "ring_3",
     "ring_4",
@@ -77,36 +86,40 @@ VARIANTS = (
         "errors",
         "ring_4",
         "An occluder before the person in every view",
-        network=Network(occlusion=Occlusion(n_occluders=1)),
+        network=SimulatedNetwork(occlusion=Occlusion(n_occluders=1)),
     ),
     CalibrationVariant(
         "real_ring_4",
         "errors",
         "ring_4",
         "Errors of real detectors besides the bias",
-        network=Network(real=("openpose", "blazepose_full", "blazepose_heavy")),
+        network=SimulatedNetwork(real=("openpose", "blazepose_full", "blazepose_heavy")),
     ),
     CalibrationVariant(
         "own_bias_ring_4",
         "errors",
         "ring_4",
         "Besides the bias of the detector, one of 10 to 20 mm that each joint has in each camera, at all times",
-        network=Network(noise=DetectionNoise(joint_depth_scale=0.7, min_bias_m=0.01, max_bias_m=0.02)),
+        network=SimulatedNetwork(noise=DetectionNoise(joint_depth_scale=0.7, min_bias_m=0.01, max_bias_m=0.02)),
     ),
     CalibrationVariant(
         "coarse_corners_4",
         "errors",
         "corners_4",
         "Noise of 12 px at 1145 px focal length, correlated over 0.4 s",
-        network=Network(
+        network=SimulatedNetwork(
             noise=DetectionNoise(joint_depth_scale=0.7, sigma_px=0.0, correlated_px=12.0, correlation_s=0.4)
         ),
     ),
     CalibrationVariant(
-        "no_bias_ring_4", "errors", "ring_4", "No view-dependent bias", network=Network(min_bias_m=0.0, max_bias_m=0.0)
+        "no_bias_ring_4",
+        "errors",
+        "ring_4",
+        "No view-dependent bias",
+        network=SimulatedNetwork(min_bias_m=0.0, max_bias_m=0.0),
     ),
-    CalibrationVariant("2d_ring_4", "errors", "ring_4", "No per-view 3D", network=Network(in_3d=False)),
-    CalibrationVariant("2d_mixed_5", "errors", "mixed_5", "No per-view 3D", network=Network(in_3d=False)),
+    CalibrationVariant("2d_ring_4", "errors", "ring_4", "No per-view 3D", network=SimulatedNetwork(in_3d=False)),
+    CalibrationVariant("2d_mixed_5", "errors", "mixed_5", "No per-view 3D", network=SimulatedNetwork(in_3d=False)),
     CalibrationVariant("distance_ring_4", "scale", "ring_4", "Scale from a distance between cameras", scale="distance"),
     CalibrationVariant(
         "distance_corners_4", "scale", "corners_4", "Scale from a distance between cameras", scale="distance"
@@ -115,7 +128,9 @@ VARIANTS = (
     CalibrationVariant("shared_equal_4", "focal length", "equal_4", "One unknown focal length", focal="shared"),
     CalibrationVariant("each_mixed_5", "focal length", "mixed_5", "Every focal length unknown", focal="each"),
     CalibrationVariant("each_ring_8", "focal length", "ring_8", "Every focal length unknown", focal="each"),
-    CalibrationVariant("phases_ring_4", "starts", "ring_4", "Within a frame", clocks=Clocks(max_start_s=1 / 30)),
+    CalibrationVariant(
+        "phases_ring_4", "starts", "ring_4", "Within a frame", clocks=SimulatedClocks(max_start_s=1 / 30)
+    ),
     CalibrationVariant("starts_ring_4", "starts", "ring_4", "Up to 60 s apart", clocks=_FAR_APART),
     CalibrationVariant("starts_mixed_5", "starts", "mixed_5", "Up to 60 s apart", clocks=_FAR_APART),
     CalibrationVariant(
@@ -124,7 +139,7 @@ VARIANTS = (
         "corners_4",
         "Up to 60 s apart, no per-view 3D",
         clocks=_FAR_APART,
-        network=Network(in_3d=False),
+        network=SimulatedNetwork(in_3d=False),
     ),
     CalibrationVariant(
         "rates_one_sided_4", "starts", "one_sided_4", "Up to 20 s apart, at 30, 25 and 50 Hz", clocks=_MIXED_RATES
@@ -151,7 +166,7 @@ def find_variant(name: str) -> CalibrationVariant:
 
 def recordings(
     variants: Iterable[CalibrationVariant] = VARIANTS, clips: Iterable[str] = TEST_CLIPS
-) -> Iterator[CalibrationRecording]:
+) -> Iterator[KnownRigRecording]:
     """The recordings of the benchmark, one after the other; of a real one there is one, whatever the clips."""
     clips = tuple(clips)
     for variant in variants:
@@ -159,7 +174,7 @@ def recordings(
             yield record(variant, clip)
 
 
-def record(variant: CalibrationVariant, clip: str) -> CalibrationRecording:
+def record(variant: CalibrationVariant, clip: str) -> KnownRigRecording:
     """One recording.
 
     Raises:
@@ -184,9 +199,9 @@ def record(variant: CalibrationVariant, clip: str) -> CalibrationRecording:
     return _recording(variant, clip, scene)
 
 
-def _recording(variant: CalibrationVariant, clip: str, scene: WalkScene) -> CalibrationRecording:
+def _recording(variant: CalibrationVariant, clip: str, scene: WalkScene) -> KnownRigRecording:
     told, image_s, on_time_s = _told(scene)
-    return CalibrationRecording(
+    return KnownRigRecording(
         clip=clip,
         variant=variant.name,
         people=scene.observations,
@@ -218,7 +233,7 @@ def _given(variant: CalibrationVariant, scene: WalkScene) -> Given:
 
 
 def _told(scene: WalkScene) -> tuple[Walk, Float[np.ndarray, "frame camera"], Float[np.ndarray, "frame camera"]]:
-    """The first person, with who is who and the clocks known; see CalibrationRecording."""
+    """The first person, with who is who and the clocks known; see KnownRigRecording."""
     names, skeleton = scene.rig.names, scene.observations.skeleton
     first_s = scene.observations.times_s(names[0])
     true_s = scene.true_s(0, first_s)

@@ -50,7 +50,7 @@ class Faults:
     def run(self) -> None:
         from fgpose.io.atomic import check_writable
         from fgpose_benchmarks.faults.benchmark import find_damages, run
-        from fgpose_benchmarks.faults.outcome import Outcome
+        from fgpose_benchmarks.faults.outcome import DamageOutcome
         from fgpose_benchmarks.faults.real import real_takes
         from fgpose_benchmarks.faults.report import OUTCOMES, read_outcomes, write_outcomes, write_report
         from fgpose_benchmarks.faults.take import CLIPS, SECONDS, controls, takes
@@ -69,7 +69,7 @@ class Faults:
         found = read_outcomes(stored) if self.resume and stored.exists() else []
         with progress_bar("benchmark", "recordings") as progress:
 
-            def keep(outcome: Outcome) -> None:
+            def keep(outcome: DamageOutcome) -> None:
                 found.append(outcome)
                 write_outcomes(found, stored)
                 progress(len(found), n_all)

@@ -17,7 +17,7 @@ ResultT = TypeVar("ResultT")
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class BenchmarkRecording:
     """A recording whose truth is known. Methods see the observations and the rig; the rest is for scoring and for the
     oracle."""
 
@@ -43,7 +43,7 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class MethodResult:
     """What a method made of a recording."""
 
     positions_m: Float[np.ndarray, "frame joint 3"]

@@ -24,7 +24,7 @@ from fgpose.assessment.metrics import (
 from fgpose.io.atomic import write_text
 from fgpose.io.content import parse_json, read_content
 from fgpose.plain_files import naming
-from fgpose_benchmarks.comparison.recording import Method, Recording, Result
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording, Method, MethodResult
 
 # The middle, the usual one and the tail of the distribution.
 COVERAGE_LEVELS = (0.5, 0.9, 0.99)
@@ -73,7 +73,9 @@ class Score(Scored):
     """Largest error of an estimated time offset, in frames."""
 
 
-def score(recording: Recording, result: Result, method: Method[Recording, Result]) -> Score:
+def score(
+    recording: BenchmarkRecording, result: MethodResult, method: Method[BenchmarkRecording, MethodResult]
+) -> Score:
     """How good a method's result is, by the definitions of fgpose.assessment.metrics.
 
     Raises:
@@ -112,7 +114,7 @@ def score(recording: Recording, result: Result, method: Method[Recording, Result
     )
 
 
-def _squared_errors(recording: Recording, result: Result) -> Float[np.ndarray, "frame joint"]:
+def _squared_errors(recording: BenchmarkRecording, result: MethodResult) -> Float[np.ndarray, "frame joint"]:
     """Squared errors in units of the stated covariance; NaN without one."""
     if result.covariance_m2 is None:
         return np.full(recording.truth_m.shape[:2], np.nan)
@@ -126,13 +128,13 @@ def _coverage(squared: Float[np.ndarray, "*points"]) -> tuple[float, ...]:
     return tuple(float(mean_known(inside)) for inside in within)
 
 
-def _hidden(recording: Recording) -> Bool[np.ndarray, "frame joint"]:
+def _hidden(recording: BenchmarkRecording) -> Bool[np.ndarray, "frame joint"]:
     """Joints that at least half of the cameras cannot see: behind an occluder, or not detected at all."""
     unseen = recording.occluded | ~recording.observations.seen
     return unseen.mean(axis=1) >= 0.5
 
 
-def _offset_error_frames(recording: Recording, result: Result) -> float:
+def _offset_error_frames(recording: BenchmarkRecording, result: MethodResult) -> float:
     if result.offsets_s is None:
         return float("nan")
     return float(np.abs(result.offsets_s - recording.true_offsets_s).max() * recording.fps)

@@ -12,7 +12,7 @@ from fgpose.child_process import end_with_parent
 from fgpose_benchmarks.faults.damage import Damage
 from fgpose_benchmarks.faults.geometry import GEOMETRY
 from fgpose_benchmarks.faults.in_time import IN_TIME
-from fgpose_benchmarks.faults.outcome import UNDAMAGED, Outcome, outcome_of
+from fgpose_benchmarks.faults.outcome import UNDAMAGED, DamageOutcome, outcome_of
 from fgpose_benchmarks.faults.people import PEOPLE
 from fgpose_benchmarks.faults.take import Take
 
@@ -31,10 +31,10 @@ def find_damages(names: Sequence[str]) -> tuple[Damage, ...]:
 def run(
     takes: Sequence[Take],
     damages: Sequence[Damage] = DAMAGES,
-    known: Sequence[Outcome] = (),
-    progress: Callable[[Outcome], None] | None = None,
+    known: Sequence[DamageOutcome] = (),
+    progress: Callable[[DamageOutcome], None] | None = None,
     n_workers: int = 2,
-) -> list[Outcome]:
+) -> list[DamageOutcome]:
     """Each recording undamaged, and each damage on each recording with enough cameras.
 
     Args:
@@ -46,7 +46,7 @@ def run(
     """
     found = {(each.clip, each.rig, each.damage): each for each in known}
 
-    def keep(outcome: Outcome) -> None:
+    def keep(outcome: DamageOutcome) -> None:
         found[outcome.clip, outcome.rig, outcome.damage] = outcome
         if progress:
             progress(outcome)
@@ -73,7 +73,7 @@ def run(
     return list(found.values())
 
 
-def _outcome(take: Take, name: str) -> Outcome:
+def _outcome(take: Take, name: str) -> DamageOutcome:
     """By the name of the damage: damages hold functions, which cannot be sent to another process."""
     damage = None if name == UNDAMAGED else find_damages([name])[0]
     try:

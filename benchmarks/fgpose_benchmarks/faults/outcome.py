@@ -30,7 +30,7 @@ _PART_S = 4.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DamageOutcome:
     """Of one recording. Errors are 95 % quantiles over joints and frames that are given, millimetres."""
 
     damage: str
@@ -65,7 +65,7 @@ class Outcome:
         return self.harmful and not self.said
 
 
-def outcome_of(take: Take, damage: Damage | None) -> Outcome:
+def outcome_of(take: Take, damage: Damage | None) -> DamageOutcome:
     """Damage a recording, estimate and diagnose it, follow the advice.
 
     Args:
@@ -87,7 +87,7 @@ def outcome_of(take: Take, damage: Damage | None) -> Outcome:
     first = serious[0] if serious else named[0] if named else None
     changed = None if first is None else followed(given, first)
     undamaged_mm, undamaged_inside = _undamaged(take, part)
-    return Outcome(
+    return DamageOutcome(
         damage=name,
         clip=take.clip,
         rig=take.rig_name,

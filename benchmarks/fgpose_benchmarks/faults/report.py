@@ -13,7 +13,7 @@ from fgpose.io.atomic import write_text
 from fgpose.io.content import parse_json, read_content
 from fgpose.plain_files import naming
 from fgpose_benchmarks.faults.benchmark import DAMAGES
-from fgpose_benchmarks.faults.outcome import UNDAMAGED, Outcome
+from fgpose_benchmarks.faults.outcome import UNDAMAGED, DamageOutcome
 
 _HEAD = (
     "Recordings of one person who walks about and works, with the errors of real networks, and two real ones "
@@ -32,15 +32,15 @@ _HEAD = (
 OUTCOMES = "outcomes.json"
 
 
-def write_outcomes(outcomes: Iterable[Outcome], path: Path) -> None:
+def write_outcomes(outcomes: Iterable[DamageOutcome], path: Path) -> None:
     """To be read again. Raises OSError as write_text does."""
     write_text(path, json.dumps([dataclasses.asdict(outcome) for outcome in outcomes], indent=1) + "\n")
 
 
-def read_outcomes(path: Path) -> list[Outcome]:
+def read_outcomes(path: Path) -> list[DamageOutcome]:
     """Those of write_outcomes; raises OSError or ValueError."""
     with naming(path, "not outcomes of faults", damage=(TypeError, KeyError)):
-        return [Outcome(**{**each, "found": tuple(each["found"])}) for each in parse_json(read_content(path))]
+        return [DamageOutcome(**{**each, "found": tuple(each["found"])}) for each in parse_json(read_content(path))]
 
 
 def _order(damage: str) -> int:
@@ -48,7 +48,7 @@ def _order(damage: str) -> int:
     return names.index(damage) if damage in names else -1
 
 
-def write_report(outcomes: Sequence[Outcome], folder: Path, command: str) -> Path:
+def write_report(outcomes: Sequence[DamageOutcome], folder: Path, command: str) -> Path:
     """Write report.md and outcomes.json into a folder, whole or not at all.
 
     Raises:
@@ -78,11 +78,11 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, command: str) -> Pat
     return path
 
 
-def _names(outcomes: Sequence[Outcome]) -> list[str]:
+def _names(outcomes: Sequence[DamageOutcome]) -> list[str]:
     return list(dict.fromkeys(outcome.rig for outcome in outcomes))
 
 
-def _table(outcomes: Sequence[Outcome]) -> str:
+def _table(outcomes: Sequence[DamageOutcome]) -> str:
     rows = [
         "| damage | recordings | harmful | silent | cause [%] | error | after (largest) | worse |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",

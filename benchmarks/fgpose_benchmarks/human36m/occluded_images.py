@@ -36,7 +36,7 @@ Boxes = Literal["joints", "labels"]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class OccludedView:
     """One camera's image of a frame."""
 
     image: Path
@@ -57,7 +57,7 @@ class _Placed:
 
 
 def generate(
-    frames: Sequence[Sequence[View]],
+    frames: Sequence[Sequence[OccludedView]],
     cutouts: Mapping[str, Cutout],
     output: str | Path,
     seed: int = SEED,
@@ -101,7 +101,7 @@ def generate(
 
 def protocol_frames(
     sequences: Iterable[PoseSequence], images: str | Path, boxes: Boxes = "joints", step: int = STEP
-) -> list[list[View]]:
+) -> list[list[OccludedView]]:
     """The views of the frames that the protocol scores, in the order of the sequences; views that are missing left out.
 
     Args:
@@ -119,12 +119,12 @@ def protocol_frames(
             for c, camera in enumerate(sequence.rig.names):
                 if sequence.has_view[index, c]:
                     path = image_path(Path(images), sequence, camera, int(sequence.frames[index]))
-                    views.append(View(path, boxes_px[index, c], path.relative_to(images).as_posix()))
+                    views.append(OccludedView(path, boxes_px[index, c], path.relative_to(images).as_posix()))
             frames.append(views)
     return frames
 
 
-def _check(frames: Sequence[Sequence[View]], output: Path) -> None:
+def _check(frames: Sequence[Sequence[OccludedView]], output: Path) -> None:
     views = [view for views in frames for view in views]
     if not views:
         raise ValueError("there is no image to occlude")
@@ -153,7 +153,7 @@ def _draw(rng: random.Random, n_views: int, cutouts: Mapping[str, Cutout]) -> li
     return placed
 
 
-def _write(view: View, placed: Sequence[_Placed], path: Path) -> None:
+def _write(view: OccludedView, placed: Sequence[_Placed], path: Path) -> None:
     if not placed:
         write_bytes(path, view.image.read_bytes())
         return
@@ -167,7 +167,7 @@ def _write(view: View, placed: Sequence[_Placed], path: Path) -> None:
     write_bytes(path, content.tobytes())
 
 
-def _described(view: View, placed: Sequence[_Placed]) -> dict[str, Any]:
+def _described(view: OccludedView, placed: Sequence[_Placed]) -> dict[str, Any]:
     return {
         "image": view.name,
         "box_px": view.box_px.tolist(),

@@ -16,7 +16,7 @@ from fgpose.io.keypoints import load_observations
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
 from fgpose_benchmarks.human36m.labels import FPS, SKELETON, PoseSequence, SequenceKey
-from fgpose_benchmarks.human36m.predictions import Prediction
+from fgpose_benchmarks.human36m.predictions import SequencePrediction
 
 Estimation = Literal["smooth", "refine", "fuse"]
 # Single precision keeps an hour of frame times to a hundredth of a frame.
@@ -67,7 +67,7 @@ def estimate(
     estimation: Estimation = "smooth",
     config: Config | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[SequenceKey, Prediction]:
+) -> dict[SequenceKey, SequencePrediction]:
     """What fgpose makes of the views: smooth the whole motion, refine each frame by the paper's method, fuse eq. 1-2.
 
     Args:
@@ -88,6 +88,6 @@ def estimate(
                 positions_m = refine(observations, sequence.rig, config).positions_m
             case "fuse":
                 positions_m = fuse(observations, sequence.rig, config).positions_m
-        predictions[sequence.key] = Prediction(frame_numbers(observations), positions_m)
+        predictions[sequence.key] = SequencePrediction(frame_numbers(observations), positions_m)
         progress(number + 1, len(sequences))
     return predictions

@@ -39,7 +39,7 @@ _ACTION_NUMBERS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class SequencePrediction:
     """The poses that a method gives for one sequence."""
 
     frames: Int[np.ndarray, " frame"]
@@ -48,7 +48,7 @@ class Prediction:
     """World frame, joints of h36m_17; NaN where the method gives nothing."""
 
 
-Predictions = Mapping[SequenceKey, Prediction]
+Predictions = Mapping[SequenceKey, SequencePrediction]
 
 
 def save_predictions(predictions: Predictions, path: str | Path) -> None:
@@ -71,7 +71,7 @@ def save_predictions(predictions: Predictions, path: str | Path) -> None:
     write_arrays(Path(path), arrays)
 
 
-def load_predictions(path: str | Path) -> dict[SequenceKey, Prediction]:
+def load_predictions(path: str | Path) -> dict[SequenceKey, SequencePrediction]:
     """Predictions of any method, by sequence.
 
     An npz of N rows, one for each frame, in any order, without pickles:
@@ -98,12 +98,12 @@ def load_predictions(path: str | Path) -> dict[SequenceKey, Prediction]:
     return {key: _prediction(path, key, frames[rows], positions_m[rows]) for key, rows in rows_of.items()}
 
 
-def _prediction(path: Path, key: SequenceKey, frames: np.ndarray, positions_m: np.ndarray) -> Prediction:
+def _prediction(path: Path, key: SequenceKey, frames: np.ndarray, positions_m: np.ndarray) -> SequencePrediction:
     numbers, order = np.unique(frames, return_index=True)
     if len(numbers) < len(frames):
         twice = next(number for number in numbers if np.sum(frames == number) > 1)
         raise ValueError(f"{path}: {'/'.join(key)} has frame {twice} twice")
-    return Prediction(numbers, positions_m[order])
+    return SequencePrediction(numbers, positions_m[order])
 
 
 def _array(arrays: dict[str, np.ndarray], name: str, n_rows: int) -> np.ndarray:

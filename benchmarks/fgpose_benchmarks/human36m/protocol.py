@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from fgpose.assessment.metrics import joint_errors_m, mean_known, share_missing
 from fgpose.io.skeletons import load_skeleton
 from fgpose_benchmarks.human36m.labels import N_JOINTS, SKELETON, PoseSequence, SequenceKey
-from fgpose_benchmarks.human36m.predictions import Prediction, Predictions
+from fgpose_benchmarks.human36m.predictions import Predictions, SequencePrediction
 
 # Of the field's protocol: every 64th frame of the 50 Hz videos.
 STEP = 64
@@ -120,7 +120,7 @@ def scored_frames(frames: Int[np.ndarray, " frame"], step: int = STEP) -> Int[np
 
 
 def _predicted_m(
-    prediction: Prediction | None, frames: Int[np.ndarray, " frame"]
+    prediction: SequencePrediction | None, frames: Int[np.ndarray, " frame"]
 ) -> tuple[Float[np.ndarray, "frame joint 3"], int]:
     """The poses in these frames, NaN where there is none, and how many there are not."""
     positions_m = np.full((len(frames), N_JOINTS, 3), np.nan)

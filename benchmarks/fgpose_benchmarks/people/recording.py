@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.frame_matching import MatchedFrames
+from fgpose.correspondences import MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton

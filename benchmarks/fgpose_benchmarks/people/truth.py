@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from fgpose.association.recording import Association
-from fgpose.frame_matching import NO_IMAGE
-from fgpose.people_observations import NOBODY, Seen
+from fgpose.correspondences import NO_IMAGE, NOBODY, Seen
 from fgpose_benchmarks.people.recording import PeopleRecording
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.people.recording import PeopleRecording
 from fgpose_benchmarks.synthetic import (
-    Box,
     CameraTimes,
     CrowdErrors,
     CrowdPlan,
     DetectionNoise,
+    Furniture,
     Occlusion,
     Seat,
     crowd_motion,
@@ -49,8 +49,8 @@ _TARGET_M = (0.0, 0.0, 0.9)
 # Wide enough that a camera sees nearly all of the room, 6 x 6 m.
 _FOCAL_PX, _SIZE_PX = 850.0, (1600, 1200)
 # A table, and a cupboard that hides whoever is behind it.
-_FURNITURE = (Box((-0.6, -0.4, 0.0), (0.6, 0.4, 0.75)), Box((1.5, 1.7, 0.0), (2.3, 2.1, 1.9)))
-_TABLE = (Box((0.1, -0.5, 0.0), (1.3, 0.3, 0.75)),)
+_FURNITURE = (Furniture((-0.6, -0.4, 0.0), (0.6, 0.4, 0.75)), Furniture((1.5, 1.7, 0.0), (2.3, 2.1, 1.9)))
+_TABLE = (Furniture((0.1, -0.5, 0.0), (1.3, 0.3, 0.75)),)
 # A row of stools 0.7 m apart, back to the wall beside a door.
 _SEATS = tuple(Seat((x_m, 1.6), -np.pi / 2) for x_m in (-2.1, -1.4, -0.7))
 
@@ -65,7 +65,7 @@ class PeopleVariant:
     n_cameras: int
     height_m: float = _HIGH_M
     """Of the cameras over the floor."""
-    furniture: tuple[Box, ...] = ()
+    furniture: tuple[Furniture, ...] = ()
     times: CameraTimes = _SYNCHRONOUS
     seats: tuple[Seat, ...] = ()
     returning_share: float = CrowdPlan.returning_share

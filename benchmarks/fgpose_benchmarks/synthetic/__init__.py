@@ -13,7 +13,7 @@ Where the cameras are not calibrated (uncalibrated), each has a clock of its own
 and the joints have a bias that depends on the side from which the body is seen.
 """
 
-from fgpose_benchmarks.synthetic.crowd.bodies import Box as Box
+from fgpose_benchmarks.synthetic.crowd.bodies import Furniture as Furniture
 from fgpose_benchmarks.synthetic.crowd.errors import NO_CROWD_ERRORS as NO_CROWD_ERRORS
 from fgpose_benchmarks.synthetic.crowd.errors import CameraTimes as CameraTimes
 from fgpose_benchmarks.synthetic.crowd.errors import CrowdErrors as CrowdErrors
@@ -41,7 +41,7 @@ from fgpose_benchmarks.synthetic.scene import simulate as simulate
 from fgpose_benchmarks.synthetic.studios import STUDIOS as STUDIOS
 from fgpose_benchmarks.synthetic.studios import Studio as Studio
 from fgpose_benchmarks.synthetic.studios import find_studio as find_studio
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks as Clocks
-from fgpose_benchmarks.synthetic.uncalibrated import Network as Network
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks as SimulatedClocks
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedNetwork as SimulatedNetwork
 from fgpose_benchmarks.synthetic.uncalibrated import WalkScene as WalkScene
 from fgpose_benchmarks.synthetic.uncalibrated import film as film

@@ -12,7 +12,7 @@ from fgpose_benchmarks.synthetic.rig import look_at
 
 
 @dataclass(frozen=True)
-class Lens:
+class StudioLens:
     """Intrinsics of a real camera."""
 
     size_px: tuple[int, int]
@@ -26,30 +26,30 @@ class Lens:
         return Camera(name, self.size_px, K, world_T_camera, np.array(self.distortion))
 
     @property
-    def upright(self) -> Lens:
+    def upright(self) -> StudioLens:
         """The camera turned by 90 degrees, clockwise as seen from behind it."""
         (width, height), (fx, fy), (cx, cy) = self.size_px, self.focal_px, self.centre_px
         k1, k2, p1, p2, *rest = self.distortion
         # New x is old y, new y is minus old x: so are the axes of the tangential distortion (p2 along x, p1 along y).
-        return Lens((height, width), (fy, fx), (cy, width - cx), (k1, k2, -p2, p1, *rest))
+        return StudioLens((height, width), (fy, fx), (cy, width - cx), (k1, k2, -p2, p1, *rest))
 
 
 # Human3.6M, cameras 54138969, 55011271, 58860488 and 60457274, rounded (Ionescu et al., 2014).
 H36M = (
-    Lens((1000, 1002), (1145.05, 1143.78), (512.54, 515.45), (-0.2071, 0.2478, -0.00098, -0.00142, -0.0031)),
-    Lens((1000, 1000), (1149.68, 1147.59), (508.85, 508.06), (-0.1942, 0.2404, -0.00162, -0.00274, 0.0068)),
-    Lens((1000, 1000), (1149.14, 1148.80), (519.82, 501.40), (-0.2083, 0.2555, 0.00148, -0.00076, -0.0025)),
-    Lens((1000, 1002), (1145.51, 1144.77), (514.97, 501.88), (-0.1984, 0.2183, -0.00059, -0.00181, -0.0089)),
+    StudioLens((1000, 1002), (1145.05, 1143.78), (512.54, 515.45), (-0.2071, 0.2478, -0.00098, -0.00142, -0.0031)),
+    StudioLens((1000, 1000), (1149.68, 1147.59), (508.85, 508.06), (-0.1942, 0.2404, -0.00162, -0.00274, 0.0068)),
+    StudioLens((1000, 1000), (1149.14, 1148.80), (519.82, 501.40), (-0.2083, 0.2555, 0.00148, -0.00076, -0.0025)),
+    StudioLens((1000, 1002), (1145.51, 1144.77), (514.97, 501.88), (-0.1984, 0.2183, -0.00059, -0.00181, -0.0089)),
 )
 # The recordings balance_openpose and balance_blazepose, in portrait: cam_01 and cam_03.
 BALANCE = (
-    Lens((1088, 1920), (1681.24, 1681.08), (532.97, 948.14), (-0.00072, 0.00219, 0.0000095, 0.0000108)),
-    Lens((1088, 1920), (1681.60, 1681.51), (513.21, 955.01), (-0.00073, 0.00215, -0.0000085, -0.0000081)),
+    StudioLens((1088, 1920), (1681.24, 1681.08), (532.97, 948.14), (-0.00072, 0.00219, 0.0000095, 0.0000108)),
+    StudioLens((1088, 1920), (1681.60, 1681.51), (513.21, 955.01), (-0.00073, 0.00215, -0.0000085, -0.0000081)),
 )
 # Webcams of the session 4_cam_recording of caliscope, cam_0 and cam_2; the mean of fx and fy would do as well.
 WEBCAM = (
-    Lens((1280, 720), (894.53, 896.88), (624.01, 361.28), (-0.3384, 0.0967, -0.00135, 0.00316, -0.0037)),
-    Lens((1280, 720), (637.23, 633.57), (657.43, 378.18), (0.1695, -0.2495, -0.00075, 0.01251, 0.1562)),
+    StudioLens((1280, 720), (894.53, 896.88), (624.01, 361.28), (-0.3384, 0.0967, -0.00135, 0.00316, -0.0037)),
+    StudioLens((1280, 720), (637.23, 633.57), (657.43, 378.18), (0.1695, -0.2495, -0.00075, 0.01251, 0.1562)),
 )
 
 
@@ -70,7 +70,7 @@ _AIMS_M = np.array([(0.3, -0.2, 0.9), (-0.2, 0.3, 1.0), (0.1, 0.25, 0.8), (-0.3,
 _ROLLS_DEG = (2.0, -1.5, 0.5, -3.0, 1.0)
 
 
-def _placed(positions_m: Float[np.ndarray, "camera 3"], lenses: tuple[Lens, ...]) -> CameraRig:
+def _placed(positions_m: Float[np.ndarray, "camera 3"], lenses: tuple[StudioLens, ...]) -> CameraRig:
     """Cameras that look at about the middle of a body at the origin, with the lenses in turn."""
     cameras = []
     for number, position_m in enumerate(positions_m):

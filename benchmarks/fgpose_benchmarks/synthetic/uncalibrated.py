@@ -32,7 +32,7 @@ _NOISE_FOCAL_PX = 1145.0  # the pixel errors of DetectionNoise are those of a ca
 
 
 @dataclass(frozen=True)
-class Clocks:
+class SimulatedClocks:
     """How the cameras keep time. The clock of each begins with its video.
 
     Raises:
@@ -50,9 +50,11 @@ class Clocks:
 
     def __post_init__(self) -> None:
         if not self.fps or not all(0 < rate < np.inf for rate in self.fps):
-            raise ValueError(f"Clocks.fps must be positive rates, got {self.fps}")
+            raise ValueError(f"SimulatedClocks.fps must be positive rates, got {self.fps}")
         if not (0 <= self.max_start_s < np.inf and 0 <= self.min_drift_ppm <= self.max_drift_ppm < np.inf):
-            raise ValueError("Clocks: max_start_s must not be negative, nor min_drift_ppm exceed max_drift_ppm")
+            raise ValueError(
+                "SimulatedClocks: max_start_s must not be negative, nor min_drift_ppm exceed max_drift_ppm"
+            )
 
     def drawn(self, rng: np.random.Generator, n_cameras: int) -> tuple[np.ndarray, np.ndarray]:
         """True time at which the clock of each camera begins, and true seconds for each second of it."""
@@ -62,7 +64,7 @@ class Clocks:
 
 
 @dataclass(frozen=True)
-class Network:
+class SimulatedNetwork:
     """What a network for human poses makes of the images."""
 
     noise: DetectionNoise = field(default_factory=lambda: DetectionNoise(joint_depth_scale=0.7))
@@ -88,7 +90,7 @@ class Network:
     in_3d: bool = True
     """Whether there are per-view 3D joints."""
 
-    def seen_by(self, camera: Camera) -> Network:
+    def seen_by(self, camera: Camera) -> SimulatedNetwork:
         """With errors in pixels of this camera, in which its occluders are in one view of one."""
         closer = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1])) / _NOISE_FOCAL_PX
         noise, occlusion = self.noise, self.occlusion
@@ -138,8 +140,8 @@ def film(
     motion: CrowdMotion,
     rig: CameraRig,
     seed: int,
-    network: Network | None = None,
-    clocks: Clocks | None = None,
+    network: SimulatedNetwork | None = None,
+    clocks: SimulatedClocks | None = None,
     focal_guess: float | None = None,
 ) -> WalkScene:
     """People as uncalibrated cameras see them. The same seed gives the same scene.
@@ -151,7 +153,7 @@ def film(
     Raises:
         ValueError: a number of the network is out of range.
     """
-    network, clocks = network or Network(), clocks or Clocks()
+    network, clocks = network or SimulatedNetwork(), clocks or SimulatedClocks()
     clock_rng, bias_rng, person_rng, *camera_rngs = np.random.default_rng(seed).spawn(3 + rig.n_cameras)
     start_s, rate = clocks.drawn(clock_rng, rig.n_cameras)
     if network.real:
@@ -215,7 +217,9 @@ class _View:
     tilt: float
     """Of per-view 3D, in standard deviations."""
 
-    def detected(self, rng: np.random.Generator, person: int, network: Network, bias: ViewBias, size: float) -> _Person:
+    def detected(
+        self, rng: np.random.Generator, person: int, network: SimulatedNetwork, bias: ViewBias, size: float
+    ) -> _Person:
         n_images, n_joints = self.seen_m.shape[1:3]
         tilt = np.tan(np.deg2rad(network.tilt_sigma_deg) * self.tilt)
         points2d_px, points3d_m = np.full((n_images, n_joints, 2), np.nan), np.full((n_images, n_joints, 3), np.nan)
@@ -233,7 +237,7 @@ class _View:
         return self._with_mistakes(rng, _Person(points2d_px, confidence, points3d_m), person, network)
 
     def _simulated(
-        self, rng: np.random.Generator, seen_m: Float[np.ndarray, "image joint 3"], network: Network
+        self, rng: np.random.Generator, seen_m: Float[np.ndarray, "image joint 3"], network: SimulatedNetwork
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pixels of the original image, confidence, and 3D joints in the frame of the camera."""
         alone = CameraRig((replace(self.camera, world_T_camera=np.eye(4)),))
@@ -262,7 +266,9 @@ class _View:
         depth_m = size * (depth_m + (closer - 1.0) * away_m + farther_m[..., None])
         return np.concatenate([_slope(self.given, points2d_px) * depth_m + size * beside_m, depth_m], axis=-1)
 
-    def _with_mistakes(self, rng: np.random.Generator, found: _Person, person: int, network: Network) -> _Person:
+    def _with_mistakes(
+        self, rng: np.random.Generator, found: _Person, person: int, network: SimulatedNetwork
+    ) -> _Person:
         """Joints behind other people are hallucinated or missing; then the whole body is flipped or missed."""
         mistakes, occlusion, n_images = network.mistakes, network.occlusion, len(found.confidence)
         people_m = self.seen_m.swapaxes(0, 1)

@@ -14,7 +14,7 @@ from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
-from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, checked_frames, wanted_region
+from fgpose.cli.options import CameraChoice, RigOption, WantedOptions, checked_frames
 from fgpose.observations import check_confidence
 
 if TYPE_CHECKING:
@@ -97,32 +97,11 @@ class NetworkOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigOption:
-    """The calibration that a command needs."""
-
-    rig: Annotated[Path, arg(metavar="FILE")]
-    """Calibration of the cameras: Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, Vicon .xcp, OpenCV YAML,
-    OpenCap pickles, bioCV .calib, JSON, fgpose npz."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class VideoOptions(NetworkOptions):
+class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
     """Where videos are, and what is to be found in them."""
 
     videos: Annotated[Positional[Path], arg(help=_VIDEOS)]
-    unit: Annotated[str, arg(metavar="UNIT")] = "auto"
-    """Unit of the lengths in the calibration file: m, dm, cm, mm, inch, ft, or how many metres it is (0.054: squares of
-    a board of 54 mm); auto takes what the format prescribes."""
     fps: Annotated[float | None, arg(metavar="HZ", help=_FPS, help_behavior_hint="(default: of the videos)")] = None
-    cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Use these cameras only."""
-    min_confidence: Annotated[float, arg(metavar="0..1", help=MIN_CONFIDENCE)] = 0.0
-    frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
-    """Use only this many frames, from the beginning."""
-    people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"
-    person_region: Annotated[
-        str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
-    ] = None
 
     def sources(self) -> Sources:
         """The videos and their cameras."""
@@ -141,7 +120,7 @@ class VideoOptions(NetworkOptions):
         """All people in all images, with a progress bar. Everything is checked before the work begins."""
         quieten_decoder()
         check_confidence(self.min_confidence)  # before the work
-        region = wanted_region(self.people, self.person_region)
+        region = self.region
         sources = self.sources()
         if region is not None:
             sources.rig.subset([region.camera])
@@ -154,7 +133,7 @@ class VideoOptions(NetworkOptions):
         from fgpose.people_observations import PeopleObservations
         from fgpose.pipeline import Source
 
-        region = wanted_region(self.people, self.person_region)
+        region = self.region
         succession = None
         if self.people != "1" and region is None:
             everybody = Source(detected.rig, detected.people).confident(self.min_confidence)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     from fgpose.live.cameras.rig_file import LiveRig
     from fgpose.live.processes.camera_feed import CameraFeed
-    from fgpose.live.recording.replay import Agreement
-    from fgpose.live.report import Report
+    from fgpose.live.recording.replay import ReplayComparison
+    from fgpose.live.statistics import LiveStatistics
     from fgpose.monocular.network import Network
     from fgpose.skeleton import Skeleton
 
@@ -176,7 +176,7 @@ def _interrupt() -> None:
     raise KeyboardInterrupt
 
 
-def _table(report: Report) -> Table:
+def _table(report: LiveStatistics) -> Table:
     """What happened to each camera, and how late the frames were."""
     from rich import box
     from rich.table import Table
@@ -292,7 +292,7 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
     return consumers.say_states()
 
 
-def _said(agreement: Agreement) -> str:
+def _said(agreement: ReplayComparison) -> str:
     text = f"{agreement.n_frames} frames again"
     if agreement.n_people and not math.isnan(agreement.largest_mm):
         text += f"; people within {agreement.largest_mm:.4f} mm of those recorded"

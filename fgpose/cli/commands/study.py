@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Task
 
-    from fgpose.study import Outcome, Plan, Recording, StudyResult
+    from fgpose.study import Plan, RecordingOutcome, StudyResult, Trial
     from fgpose.study.run import OnBegin, OnOutcome
-    from fgpose.study.study import Study as StudyFile
+    from fgpose.study.study import StudyDescription
 
 FAILED = 1
 """Exit code where a recording has failed."""
@@ -76,7 +76,7 @@ class Study:
         return 0
 
 
-def run_and_print(study: StudyFile, options: Study) -> StudyResult:
+def run_and_print(study: StudyDescription, options: Study) -> StudyResult:
     """Run a study with a progress bar, and say what came of it."""
     from fgpose.study import run_study
 
@@ -112,7 +112,7 @@ def print_plan(console: Console, plan: Plan) -> int:
     return FAILED if n_problems else 0
 
 
-def _steps(study: StudyFile, recording: Recording) -> tuple[str, str]:
+def _steps(study: StudyDescription, recording: Trial) -> tuple[str, str]:
     """What would be done, and what is wrong."""
     from fgpose.study.process import due
 
@@ -150,7 +150,7 @@ def _progress() -> Iterator[tuple[OnBegin, OnOutcome]]:
         bar.update(number, total=n_recordings)
         bar.start()
 
-    def on_outcome(outcome: Outcome) -> None:
+    def on_outcome(outcome: RecordingOutcome) -> None:
         if outcome.status == "failed":
             bar.console.print(f"failed: {outcome.recording.key}: {outcome.reason}", soft_wrap=True)
         bar.update(number, advance=1)

@@ -13,7 +13,7 @@ from fgpose.skeleton import Skeleton
 Point = tuple[str, ...]  # the mean of these joints
 
 
-class Part(NamedTuple):
+class BodyLength(NamedTuple):
     """A distance on the body that hardly changes."""
 
     start: Point
@@ -26,9 +26,13 @@ _SHOULDERS, _HIPS = ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip
 # Drillis and Contini 1966, in Winter, Biomechanics and Motor Control of Human Movement, fig. 4.1. Networks place hips
 # and shoulders nearer to each other than the widths of the figure.
 _OF_A_SIDE = (("shoulder", "elbow", 0.186), ("elbow", "wrist", 0.146), ("hip", "knee", 0.245), ("knee", "ankle", 0.246))
-_ACROSS = (Part(_SHOULDERS, _HIPS, 0.288), Part(_SHOULDERS[:1], _SHOULDERS[1:], 0.21), Part(_HIPS[:1], _HIPS[1:], 0.13))
+_ACROSS = (
+    BodyLength(_SHOULDERS, _HIPS, 0.288),
+    BodyLength(_SHOULDERS[:1], _SHOULDERS[1:], 0.21),
+    BodyLength(_HIPS[:1], _HIPS[1:], 0.13),
+)
 _LIMBS = tuple(
-    Part((f"{side}_{start}",), (f"{side}_{end}",), share)
+    BodyLength((f"{side}_{start}",), (f"{side}_{end}",), share)
     for start, end, share in _OF_A_SIDE
     for side in ("left", "right")
 )
@@ -39,7 +43,7 @@ _LEAST_FRAMES = 5
 
 
 def lengths_m(
-    positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton, parts: tuple[Part, ...] = _PARTS
+    positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton, parts: tuple[BodyLength, ...] = _PARTS
 ) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
     """Median length of the parts that the skeleton has and that are known in some frames, by how much each changes
     (median), both in the unit of the positions, and what share of the stature it is of other people."""

@@ -7,17 +7,17 @@ from jaxtyping import Float, Int
 
 from fgpose.calibration.from_people.verdict.handedness import handedness
 from fgpose.diagnosis.examined import Examined
-from fgpose.diagnosis.hypotheses.agreement import agreement
+from fgpose.diagnosis.hypotheses.consistency import consistency
 from fgpose.diagnosis.hypotheses.geometry import Geometry
 from fgpose.diagnosis.hypotheses.hypothesis import with_sides_exchanged
-from fgpose.diagnosis.hypotheses.scene import Scene
+from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import spread_evenly
 from fgpose.skeleton import Skeleton
 
 LIMBS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
 _FRAMES = 60
-# Share of the cost (agreement.cost) that is left with them exchanged: more than 1.3 in 114 recordings by 2 to 8
+# Share of the cost (consistency.cost) that is left with them exchanged: more than 1.3 in 114 recordings by 2 to 8
 # cameras, so less than 0.77 where they are exchanged, 0.2 as a rule.
 _LESS_COST = 0.7
 # +0.53 to +1.00 of two real recordings and of five motions with the errors of real detectors, a third of the joints
@@ -69,19 +69,19 @@ def _both(joint: str) -> tuple[str, str]:
     return f"left_{joint}", f"right_{joint}"
 
 
-def _exchanging(scene: Scene, joints: Int[np.ndarray, " joint"], skeleton: Skeleton) -> int | None:
+def _exchanging(scene: SynchronousViews, joints: Int[np.ndarray, " joint"], skeleton: Skeleton) -> int | None:
     """The camera in which these joints are exchanged; None: in none. Two cameras agree whichever of them is mended, but
     a body whose arms are on the right sides is not twisted."""
     part, cameras = scene.joints(joints), range(scene.n_cameras)
-    before = agreement(part).cost
-    costs = [agreement(with_sides_exchanged(part, (c,))).cost for c in cameras]
+    before = consistency(part).cost
+    costs = [consistency(with_sides_exchanged(part, (c,))).cost for c in cameras]
     able = [c for c in cameras if costs[c] < _LESS_COST * before]
     if not able or len(cameras) > 2:
         return min(able, key=lambda c: costs[c], default=None)
     order = np.arange(skeleton.n_joints)
     order[joints] = skeleton.mirror[joints]
     mended = [scene.with_views({c: scene.views[c].joints(order)}) for c in able]
-    return max(zip(able, mended, strict=True), key=lambda each: twist(agreement(each[1]).positions_m, skeleton))[0]
+    return max(zip(able, mended, strict=True), key=lambda each: twist(consistency(each[1]).positions_m, skeleton))[0]
 
 
 def _exchanged(camera: str, limbs: str) -> Finding:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.hypotheses.agreement import NEAR_M
+from fgpose.diagnosis.hypotheses.consistency import NEAR_M
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view
-from fgpose.diagnosis.hypotheses.scene import Scene, View
+from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 from fgpose.finding import Code
 from fgpose.geometry.intrinsics import zoomed
 from fgpose.sampling import spread_evenly
@@ -92,7 +92,7 @@ _OF_AXES = (
 )
 
 
-def pose_hypotheses(scene: Scene) -> Iterator[Hypothesis]:
+def pose_hypotheses(scene: SynchronousViews) -> Iterator[Hypothesis]:
     """Of all cameras alike; of three or more also of one: with two, something makes almost any pose agree."""
     everybody = tuple(range(scene.n_cameras))
     for cameras in [everybody, *((c,) for c in everybody if scene.n_cameras > 2)]:
@@ -117,7 +117,7 @@ def _always(R: Float[np.ndarray, "3 3"]) -> Callable[[Float[np.ndarray, "3 3"]],
 def _hypothesis(
     cameras: tuple[int, ...], meant: Sequence[Callable[[Pose], Pose]], words: str, preference: int = 0
 ) -> Hypothesis:
-    def mend(given: Scene) -> Scene:
+    def mend(given: SynchronousViews) -> SynchronousViews:
         views = [given.views[c] for c in cameras]
         poses = [mean(view.camera.world_T_camera) for mean, view in zip(meant, views, strict=True)]
         return given.with_views({c: view.at(pose) for c, view, pose in zip(cameras, views, poses, strict=True)})
@@ -133,7 +133,7 @@ def _hypothesis(
     )
 
 
-def _read_as_radians(scene: Scene) -> Iterator[list[Float[np.ndarray, "3 3"]]]:
+def _read_as_radians(scene: SynchronousViews) -> Iterator[list[Float[np.ndarray, "3 3"]]]:
     """What the rotations of all cameras were in degrees. What was read tells them but for whole turns, of which 180
     degrees as radians have 29: each camera takes the ones with which it meets the first one best."""
     rotations = [_in_degrees(view.camera.camera_T_world[:3, :3]) for view in scene.views]
@@ -182,7 +182,7 @@ def _meeting(
     return np.where((depth_a > 0) & (depth_b > 0), cost, 1.0).mean(axis=-1)
 
 
-def lens_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def lens_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Another focal length, or no distortion."""
     yield from _undistorted(scene, cameras)
     for factor in _FACTORS:
@@ -190,11 +190,11 @@ def lens_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothes
             yield other_focal(scene, cameras, float(factor))
 
 
-def other_focal(scene: Scene, cameras: tuple[int, ...], factor: float) -> Hypothesis:
+def other_focal(scene: SynchronousViews, cameras: tuple[int, ...], factor: float) -> Hypothesis:
     """A focal length that is so many times as long."""
 
-    def longer(view: View) -> View:
-        return View(zoomed(view.camera, factor), view.points_px)
+    def longer(view: CameraView) -> CameraView:
+        return CameraView(zoomed(view.camera, factor), view.points_px)
 
     given_px = float(np.median([scene.views[c].camera.K[0, 0] for c in cameras]))
     return Hypothesis(
@@ -210,7 +210,7 @@ def other_focal(scene: Scene, cameras: tuple[int, ...], factor: float) -> Hypoth
     )
 
 
-def _undistorted(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def _undistorted(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Keypoints of images from which the distortion was removed already."""
     if not any(scene.views[c].camera.distortion.any() for c in cameras):
         return
@@ -218,7 +218,8 @@ def _undistorted(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]
         Code.WRONG_LENS,
         cameras,
         each_view(
-            lambda view: View(replace(view.camera, distortion=np.zeros(0), lens="pinhole"), view.points_px), cameras
+            lambda view: CameraView(replace(view.camera, distortion=np.zeros(0), lens="pinhole"), view.points_px),
+            cameras,
         ),
         "The distortion in the calibration of {cameras} is not that of the images that the keypoints are of",
         "Were the images undistorted before? Then leave the distortion out of the calibration.",

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from itertools import combinations, permutations
 
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, with_sides_exchanged
-from fgpose.diagnosis.hypotheses.scene import Scene
+from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.finding import Code
 
 _TRY_ALL = 4  # cameras have 23 other orders, five 119
 
 
-def exchange_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def exchange_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Some cameras in another order: any, of many cameras two exchanged, or all counted from another number."""
     same = tuple(range(scene.n_cameras))
     if len(cameras) <= _TRY_ALL:
@@ -29,11 +29,11 @@ def _swapped(order: tuple[int, ...], a: int, b: int) -> tuple[int, ...]:
     return tuple({a: b, b: a}.get(c, c) for c in order)
 
 
-def _reordered(scene: Scene, order: tuple[int, ...]) -> Hypothesis:
+def _reordered(scene: SynchronousViews, order: tuple[int, ...]) -> Hypothesis:
     """Each camera gets the keypoints of another one: order[camera]."""
     names, moved = scene.names, tuple(c for c, own in enumerate(order) if c != own)
 
-    def mend(given: Scene) -> Scene:
+    def mend(given: SynchronousViews) -> SynchronousViews:
         return given.with_views({c: given.views[c].with_points(given.views[order[c]].points_px) for c in moved})
 
     if len(moved) == 2:

@@ -12,13 +12,13 @@ from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.body.sides import exchanged_limbs, mirrored
 from fgpose.diagnosis.body.skeletons import better_skeleton
 from fgpose.diagnosis.examined import Examined, NotJudgedError
-from fgpose.diagnosis.hypotheses.agreement import agreement
+from fgpose.diagnosis.hypotheses.consistency import consistency
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.geometry import Geometry
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
 from fgpose.diagnosis.hypotheses.images import mirrored_hypotheses
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, Why
-from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation, State
+from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation, SearchState
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import spread_evenly
 
@@ -36,7 +36,7 @@ def disagreements(examined: Examined) -> list[Finding]:
     if copies:
         return copies
     geometry = examined.geometry
-    if not geometry.state.agreement.judged.any():
+    if not geometry.state.consistency.judged.any():
         return [_nothing_in_common(examined)]
     if exchanged_limbs(examined):
         return []  # told of the sides
@@ -255,7 +255,7 @@ def on_the_right_sides(examined: Examined, found: Explanation) -> Explanation:
         mended = scene
         for cause in causes:
             mended = cause.mend(mended)
-        return mirrored(agreement(mended).positions_m, examined.main.skeleton)
+        return mirrored(consistency(mended).positions_m, examined.main.skeleton)
 
     is_mirrored, rival = leaves_mirrored(found.causes), found.rival
     if all(cause.code is Code.EXCHANGED_SIDES for cause in found.causes):
@@ -268,7 +268,7 @@ def on_the_right_sides(examined: Examined, found: Explanation) -> Explanation:
     if not is_mirrored:
         return replace(found, rival=rival)
     for other in (*([] if rival is None else [rival]), *mirrored_hypotheses(everybody)):
-        after = State(other.mend(found.before.scene))
+        after = SearchState(other.mend(found.before.scene))
         if not leaves_mirrored([other]) and after.cost < EXPLAINED * found.before.cost:
             return replace(found, causes=(other,), after=after, rival=None)
     return found

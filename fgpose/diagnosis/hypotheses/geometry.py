@@ -9,13 +9,13 @@ from itertools import combinations
 import numpy as np
 
 from fgpose.calibration.changes.find_changes import LEAST_S
-from fgpose.diagnosis.hypotheses.agreement import STEADY
 from fgpose.diagnosis.hypotheses.cameras import other_focal
+from fgpose.diagnosis.hypotheses.consistency import STEADY
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.images import turned_hypotheses
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, clocks_differ, why_odd
-from fgpose.diagnosis.hypotheses.scene import Scene
-from fgpose.diagnosis.hypotheses.search import EXPLAINED, NORMAL_M, Explanation, State, explain
+from fgpose.diagnosis.hypotheses.scene import SynchronousViews
+from fgpose.diagnosis.hypotheses.search import EXPLAINED, NORMAL_M, Explanation, SearchState, explain
 from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
 
@@ -39,7 +39,7 @@ _CLEARLY_NEARER = 4.0
 class Geometry:
     """What was found of a recording and its rig."""
 
-    state: State
+    state: SearchState
     """Of frames spread over the whole recording."""
     explanation: Explanation | None = None
     agreeing: tuple[int, ...] = ()
@@ -66,7 +66,7 @@ class Geometry:
         medians_m = self.state.medians_m
         far = bool((medians_m[~np.isnan(medians_m)] > _FAR_M).any()) or bool(np.isnan(medians_m).all())
         if self.state.scene.n_cameras == 2:  # what either hallucinates, both miss
-            far &= bool((self.state.agreement.shares < _FEW_NEAR).any())
+            far &= bool((self.state.consistency.shares < _FEW_NEAR).any())
         unsteady = bool(self.state.unsteadiness > _NO_BODY)
         return far or (self.state.scene.n_cameras == 2 and unsteady and self._parallax)
 
@@ -85,27 +85,27 @@ class Geometry:
         return bool(abs(forward[0] @ forward[1]) < np.cos(np.deg2rad(20)))
 
     @property
-    def mended(self) -> State:
+    def mended(self) -> SearchState:
         """With what explains a disagreement put right."""
         if self.explanation is None:
             return self.state
         scene = self.state.scene
         for cause in self.explanation.causes:
             scene = cause.mend(scene)
-        return State(scene)
+        return SearchState(scene)
 
 
-def examine(scene: Scene) -> Geometry:
+def examine(scene: SynchronousViews) -> Geometry:
     """Of a recording of one person: all frames, limbs at least."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of what is not known: infinite, or NaN
         return _examined(scene)
 
 
-def _examined(scene: Scene) -> Geometry:
+def _examined(scene: SynchronousViews) -> Geometry:
     sample = scene.frames(spread_evenly(len(scene.time_s), _FRAMES))
-    first = Geometry(State(sample))
-    if scene.n_cameras < 2 or not first.state.agreement.judged.any():
+    first = Geometry(SearchState(sample))
+    if scene.n_cameras < 2 or not first.state.consistency.judged.any():
         return first
     if first.state.is_clean and not _clearly_better(sample):
         return first
@@ -121,14 +121,14 @@ def _examined(scene: Scene) -> Geometry:
     return Geometry(first.state, None, kept, tuple((c, why_odd(sample, dense, c, kept)) for c in others))
 
 
-def _is_told_by_time(explanation: Explanation, scene: Scene) -> bool:
+def _is_told_by_time(explanation: Explanation, scene: SynchronousViews) -> bool:
     """Whether rays that hardly miss each other miss by even less with another lens: so they do where a camera was
     bumped, or from one side. From enough seconds find_changes tells it apart from that, or that nothing does."""
     lenses = all(cause.code is Code.WRONG_LENS for cause in explanation.causes)
     return lenses and float(np.ptp(scene.time_s)) >= LEAST_S
 
 
-def _clearly_better(scene: Scene) -> bool:
+def _clearly_better(scene: SynchronousViews) -> bool:
     """Whether cameras that agree do so much better with a cause that may hardly make rays miss each other.
 
     Another focal length of all, as long as the body is in the middle of the images, which two cameras cannot tell; and
@@ -141,35 +141,35 @@ def _clearly_better(scene: Scene) -> bool:
         causes += [cause for c in everybody for cause in turned_hypotheses(scene, (c,))]
     else:
         causes += [other_focal(scene, everybody, factor) for factor in _ZOOMS]
-    return min(State(cause.mend(scene)).cost for cause in causes) < EXPLAINED * State(scene).cost
+    return min(SearchState(cause.mend(scene)).cost for cause in causes) < EXPLAINED * SearchState(scene).cost
 
 
-def _dense(scene: Scene) -> Scene:
+def _dense(scene: SynchronousViews) -> SynchronousViews:
     """At most a minute from the middle."""
     middle_s = (scene.time_s[0] + scene.time_s[-1]) / 2
     within = np.flatnonzero(np.abs(scene.time_s - middle_s) <= _DENSE_S / 2)
     return scene.frames(within[spread_evenly(len(within), _DENSE_FRAMES)])
 
 
-def agreeing(scene: Scene) -> tuple[int, ...]:
+def agreeing(scene: SynchronousViews) -> tuple[int, ...]:
     """The largest part of the cameras that agree; none where that is not clear.
 
     It is found by leaving out the worst one time after the other; of three, by which two alone agree, or see a body.
     """
     kept = tuple(range(scene.n_cameras))
     while len(kept) >= 3:
-        state = State(scene.cameras(kept))
+        state = SearchState(scene.cameras(kept))
         if state.is_normal:
             return kept
         if len(kept) == 3:
             return _pair_that_sees_a_body(scene, kept)
-        costs = np.nan_to_num(state.agreement.costs, nan=-1.0)
+        costs = np.nan_to_num(state.consistency.costs, nan=-1.0)
         kept = tuple(c for place, c in enumerate(kept) if place != int(np.argmax(costs)))
     return ()
 
 
-def _pair_that_sees_a_body(scene: Scene, cameras: tuple[int, ...]) -> tuple[int, ...]:
-    states = {pair: State(scene.cameras(pair)) for pair in combinations(cameras, 2)}
+def _pair_that_sees_a_body(scene: SynchronousViews, cameras: tuple[int, ...]) -> tuple[int, ...]:
+    states = {pair: SearchState(scene.cameras(pair)) for pair in combinations(cameras, 2)}
     ranked = sorted(states, key=lambda pair: np.nan_to_num(states[pair].unsteadiness, nan=np.inf))
     best, second = states[ranked[0]], states[ranked[1]]
     agree = [pair for pair in ranked if states[pair].is_normal]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from fgpose.diagnosis.hypotheses.scene import Scene, View
+from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 from fgpose.finding import Code
 
 
@@ -16,7 +16,7 @@ class Hypothesis:
     code: Code
     cameras: tuple[int, ...]
     """Whose keypoints or poses it changes."""
-    mend: Callable[[Scene], Scene]
+    mend: Callable[[SynchronousViews], SynchronousViews]
     reason: str
     """What is the cause, for a sentence of its own; {cameras} stands for their names."""
     remedy: str
@@ -29,11 +29,13 @@ class Hypothesis:
         return "all cameras" if len(self.cameras) == len(names) else ", ".join(names[c] for c in self.cameras)
 
 
-def each_view(change: Callable[[View], View], cameras: tuple[int, ...]) -> Callable[[Scene], Scene]:
+def each_view(
+    change: Callable[[CameraView], CameraView], cameras: tuple[int, ...]
+) -> Callable[[SynchronousViews], SynchronousViews]:
     """Change the views of some cameras, each by itself."""
     return lambda scene: scene.with_views({c: change(scene.views[c]) for c in cameras})
 
 
-def with_sides_exchanged(scene: Scene, cameras: tuple[int, ...]) -> Scene:
+def with_sides_exchanged(scene: SynchronousViews, cameras: tuple[int, ...]) -> SynchronousViews:
     """Left joints for right ones in some views."""
     return scene.with_views({c: scene.views[c].joints(scene.mirror) for c in cameras})

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view, with_sides_exchanged
-from fgpose.diagnosis.hypotheses.scene import Scene, View
+from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 from fgpose.finding import Code
 
 Points = Float[np.ndarray, "*points 2"]
@@ -30,7 +30,7 @@ _SQUARES_PX, _CUTS, _HEIGHTS_PX = (1280, 640, 512, 416, 384, 320, 256, 192), (4 
 _MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
 
 
-def image_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def image_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """All that may be wrong of the pixels of these cameras alike; the size by a coarse grid."""
     yield from _normalised(scene, cameras)
     yield from turned_hypotheses(scene, cameras)
@@ -41,18 +41,18 @@ def image_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothe
             yield resized(scene, cameras, (factor, factor))
 
 
-def turned_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def turned_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Turned or mirrored, or with other axes."""
     yield from _turned(scene, cameras)
     yield from mirrored_hypotheses(cameras)
     yield from _other_axes(cameras)
 
 
-def _of_points(change: Callable[[View], Points]) -> Callable[[View], View]:
+def _of_points(change: Callable[[CameraView], Points]) -> Callable[[CameraView], CameraView]:
     return lambda view: view.with_points(change(view))
 
 
-def size_px(view: View) -> tuple[float, float]:
+def size_px(view: CameraView) -> tuple[float, float]:
     """Of the images that the calibration is for, by the centre of the lens: it is turned with the images, where the
     stated size may not be."""
     width_px, height_px = view.camera.size_px
@@ -61,7 +61,7 @@ def size_px(view: View) -> tuple[float, float]:
     return (sides[0], sides[1]) if portrait else (sides[1], sides[0])
 
 
-def resized(scene: Scene, cameras: tuple[int, ...], factor: tuple[float, float]) -> Hypothesis:
+def resized(scene: SynchronousViews, cameras: tuple[int, ...], factor: tuple[float, float]) -> Hypothesis:
     """Keypoints of images of another size; the calibration's is so many times as large."""
     view = scene.views[cameras[0]]
     calibrated_px = size_px(view)
@@ -82,7 +82,7 @@ def resized(scene: Scene, cameras: tuple[int, ...], factor: tuple[float, float])
     )
 
 
-def within_image(cause: Hypothesis, scene: Scene) -> bool:
+def within_image(cause: Hypothesis, scene: SynchronousViews) -> bool:
     """Whether nearly all keypoints lie in the images of the calibration, if a hypothesis is true."""
     mended = cause.mend(scene)
     for c in cause.cameras:
@@ -99,7 +99,7 @@ def is_part(cause: Hypothesis) -> bool:
     return "offset_x_px" in cause.numbers
 
 
-def is_common_size(cause: Hypothesis, scene: Scene) -> bool:
+def is_common_size(cause: Hypothesis, scene: SynchronousViews) -> bool:
     """Whether the images would be of a size that cameras and networks have, as wide for their height as before, or
     smaller or larger by a simple ratio, as programs make them."""
     factor = cause.numbers["factor_x"], cause.numbers["factor_y"]
@@ -123,7 +123,7 @@ def _turned_too(sizes: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ..
     return (*sizes, *((height, width) for width, height in sizes if height != width))
 
 
-def _common_sizes(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def _common_sizes(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Also those with another ratio of width to height, and those too small for the grid; and one side alone shorter
     or longer, to another usual ratio."""
     width_px, height_px = size_px(scene.views[cameras[0]])
@@ -135,7 +135,7 @@ def _common_sizes(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis
             yield resized(scene, cameras, factor)
 
 
-def _parts(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def _parts(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Images with borders that make them square, or of which the sides were cut off, be it resized."""
     size = np.array(size_px(scene.views[cameras[0]]))
     longer, shorter = float(size.max()), float(size.min())
@@ -153,7 +153,7 @@ def _parts(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
 
 
 def _part(
-    scene: Scene, cameras: tuple[int, ...], factor: float, offset_px: Float[np.ndarray, " 2"], words: str
+    scene: SynchronousViews, cameras: tuple[int, ...], factor: float, offset_px: Float[np.ndarray, " 2"], words: str
 ) -> Hypothesis:
     """Of which a pixel is so many of the calibration's, and whose corner is at this one of it."""
     width_px, height_px = size_px(scene.views[cameras[0]])
@@ -170,11 +170,11 @@ def _part(
     )
 
 
-def _normalised(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def _normalised(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Coordinates from 0 to 1, or from -1 to 1."""
     for low, words in ((0.0, "0 to 1"), (-1.0, "-1 to 1")):
 
-        def pixels(view: View, low: float = low) -> Points:
+        def pixels(view: CameraView, low: float = low) -> Points:
             return (view.points_px - low) / (1.0 - low) * np.array(size_px(view))
 
         if all(_is_normalised(scene.views[c], low) for c in cameras):
@@ -188,18 +188,18 @@ def _normalised(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
             )
 
 
-def _is_normalised(view: View, low: float) -> bool:
+def _is_normalised(view: CameraView, low: float) -> bool:
     points = view.points_px[np.isfinite(view.points_px)]
     if not points.size or np.quantile(np.abs(points), 0.99) > 3.0:
         return False
     return bool((points.min() < 0) == (low < 0))
 
 
-def _turned(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+def _turned(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Images that were turned before the network saw them, or before the camera was calibrated."""
     for degrees, words in ((90, "by 90 degrees clockwise"), (180, "upside down"), (270, "by 90 degrees anticlockwise")):
 
-        def turned_back(view: View, degrees: int = degrees) -> Points:
+        def turned_back(view: CameraView, degrees: int = degrees) -> Points:
             x, y = np.moveaxis(view.points_px, -1, 0)
             width_px, height_px = size_px(view)
             if degrees == 90:
@@ -222,7 +222,7 @@ def mirrored_hypotheses(cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """As a front camera shows them: the network then takes the left hand for the right one. Second: it does not."""
     for sides, words in ((True, ""), (False, ", with left and right as they are on the body")):
 
-        def mirrored_back(given: Scene, sides: bool = sides) -> Scene:
+        def mirrored_back(given: SynchronousViews, sides: bool = sides) -> SynchronousViews:
             views = {c: _mirrored_back(given.views[c]) for c in cameras}
             return with_sides_exchanged(given.with_views(views), cameras) if sides else given.with_views(views)
 
@@ -239,7 +239,7 @@ def mirrored_hypotheses(cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
 def _other_axes(cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """As programs count that have the origin at the bottom, or rows before columns."""
 
-    def from_the_top(view: View) -> Points:
+    def from_the_top(view: CameraView) -> Points:
         x, y = np.moveaxis(view.points_px, -1, 0)
         return np.stack([x, size_px(view)[1] - 1 - y], axis=-1)
 
@@ -261,6 +261,6 @@ def _other_axes(cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     )
 
 
-def _mirrored_back(view: View) -> View:
+def _mirrored_back(view: CameraView) -> CameraView:
     x, y = np.moveaxis(view.points_px, -1, 0)
     return view.with_points(np.stack([size_px(view)[0] - 1 - x, y], axis=-1))

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.hypotheses.agreement import STEADY, agreement, unsteadiness
-from fgpose.diagnosis.hypotheses.scene import Scene, View
+from fgpose.diagnosis.hypotheses.consistency import STEADY, consistency, unsteadiness
+from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 
 # Half of the rays of a camera that agrees pass the joints of the others by less (search.NORMAL_M).
 _FITS_M = 0.07
@@ -47,7 +47,7 @@ class OddCamera(NamedTuple):
     translation_m: float = np.nan
 
 
-def why_odd(sample: Scene, dense: Scene, camera: int, others: tuple[int, ...]) -> OddCamera:
+def why_odd(sample: SynchronousViews, dense: SynchronousViews, camera: int, others: tuple[int, ...]) -> OddCamera:
     """What sets a camera apart from others that agree.
 
     Args:
@@ -56,10 +56,10 @@ def why_odd(sample: Scene, dense: Scene, camera: int, others: tuple[int, ...]) -
         camera: the one that disagrees.
         others: at least two that agree.
     """
-    view, joints_m = sample.views[camera], agreement(sample.cameras(others)).positions_m
+    view, joints_m = sample.views[camera], consistency(sample.cameras(others)).positions_m
     if _fits_for_a_while(_missed_m(view, joints_m)):
         return OddCamera(Why.FOR_A_WHILE)
-    dense_view, dense_m = dense.views[camera], agreement(dense.cameras(others)).positions_m
+    dense_view, dense_m = dense.views[camera], consistency(dense.cameras(others)).positions_m
     if _fits_at_another_time(dense_view, dense_m, dense.time_s):
         return OddCamera(Why.CLOCK)
     rate = _rate_that_fits(dense_view, dense_m, dense.time_s)
@@ -74,7 +74,7 @@ def why_odd(sample: Scene, dense: Scene, camera: int, others: tuple[int, ...]) -
     return OddCamera(Why.POSE, rotation_deg=rotation_deg, translation_m=translation_m)
 
 
-def clocks_differ(dense: Scene) -> bool:
+def clocks_differ(dense: SynchronousViews) -> bool:
     """Whether every camera agrees with some other one at another time: most stretches in which the body moves fit."""
     fits = np.eye(dense.n_cameras, dtype=bool)
     for a, b in combinations(range(dense.n_cameras), 2):
@@ -82,22 +82,22 @@ def clocks_differ(dense: Scene) -> bool:
     return bool((fits.sum(axis=1) >= 2).all())
 
 
-def _pair_fits_at_another_time(pair: Scene) -> bool:
+def _pair_fits_at_another_time(pair: SynchronousViews) -> bool:
     reach_s, n_frames = min(_PAIR_REACH_S, float(np.ptp(pair.time_s)) / 2), len(pair.time_s)
     some = np.linspace(0, n_frames - 1, min(n_frames, _PAIR_FRAMES)).round().astype(int)
     best, shifts_s = np.full(_STRETCHES, np.inf), np.arange(-reach_s, reach_s + _STEP_S / 2, 2 * _STEP_S)
     for shift_s in shifts_s.tolist():
         other = _at_other_times(pair.views[1], pair.time_s, pair.time_s[some] + shift_s)
         shifted = replace(pair, views=(pair.views[0].frames(some), other), time_s=pair.time_s[some])
-        found = agreement(shifted)
+        found = consistency(shifted)
         steady = unsteadiness(found.positions_m, pair.limbs) < STEADY
         if steady:
             best = np.fmin(best, _medians(found.distance_m.max(axis=-1)))
-    moves = _spread_m(agreement(pair.frames(some)).positions_m) > _MOVES_M
+    moves = _spread_m(consistency(pair.frames(some)).positions_m) > _MOVES_M
     return moves and float(np.mean(best[np.isfinite(best)] < _FITS_M / 2)) > 0.6 if np.isfinite(best).any() else False
 
 
-def _missed_m(view: View, joints_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint"]:
+def _missed_m(view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint"]:
     """By how much the rays of a view pass joints; NaN where either is missing."""
     offset_m = joints_m - view.camera.position_m
     depth_m = np.sum(offset_m * view.rays, axis=-1)
@@ -116,7 +116,7 @@ def _fits_for_a_while(missed_m: Float[np.ndarray, "frame joint"]) -> bool:
 
 
 def _fits_at_another_time(
-    view: View, joints_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"]
+    view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"]
 ) -> bool:
     """Whether most of the stretches in which somebody moves fit at some other time, be it another one for each."""
     reach_s = min(_MOST_S, float(time_s[-1] - time_s[0]) / 2)
@@ -129,7 +129,7 @@ def _fits_at_another_time(
 
 
 def _rate_that_fits(
-    view: View, joints_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"]
+    view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"]
 ) -> float | None:
     """The usual rate that was taken for another usual one, if most stretches fit with it, all with the same start."""
     moves = np.array([_spread_m(part) > _MOVES_M for part in np.array_split(joints_m, _STRETCHES)])
@@ -151,7 +151,9 @@ def _spread_m(joints_m: Float[np.ndarray, "frame joint 3"]) -> float:
     return float(np.median(moved_m)) if moved_m else 0.0
 
 
-def _at_other_times(view: View, time_s: Float[np.ndarray, " frame"], wanted_s: Float[np.ndarray, " wanted"]) -> View:
+def _at_other_times(
+    view: CameraView, time_s: Float[np.ndarray, " frame"], wanted_s: Float[np.ndarray, " wanted"]
+) -> CameraView:
     """The nearest frames; nothing beyond the ends."""
     after = np.clip(np.searchsorted(time_s, wanted_s), 1, len(time_s) - 1)
     frames = np.where(wanted_s - time_s[after - 1] < time_s[after] - wanted_s, after - 1, after)
@@ -161,7 +163,7 @@ def _at_other_times(view: View, time_s: Float[np.ndarray, " frame"], wanted_s: F
     return shifted
 
 
-def _moves_alike(view: View, joints_m: Float[np.ndarray, "frame joint 3"]) -> bool:
+def _moves_alike(view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"]) -> bool:
     """Whether the image moves as the joints of the others do: of half of the joints that move, correlated."""
     expected = joints_m - view.camera.position_m
     expected = expected / np.linalg.norm(expected, axis=-1, keepdims=True)
@@ -174,7 +176,7 @@ def _moves_alike(view: View, joints_m: Float[np.ndarray, "frame joint 3"]) -> bo
     return bool(found) and float(np.median(found)) > _ALIKE
 
 
-def _pose_that_fits(view: View, joints_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "4 4"] | None:
+def _pose_that_fits(view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "4 4"] | None:
     """From the stretches with even numbers, if those with odd ones agree."""
     import cv2
 

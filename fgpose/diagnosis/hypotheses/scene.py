@@ -20,7 +20,7 @@ _FEW_FRAMES = 3
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class CameraView:
     """One camera and what it saw."""
 
     camera: Camera
@@ -40,34 +40,34 @@ class View:
         """Unit directions in the world frame."""
         return self.in_camera @ self.camera.world_T_camera[:3, :3].T
 
-    def at(self, world_T_camera: Float[np.ndarray, "4 4"]) -> View:
+    def at(self, world_T_camera: Float[np.ndarray, "4 4"]) -> CameraView:
         """The same, seen from somewhere else."""
-        moved = View(replace(self.camera, world_T_camera=world_T_camera), self.points_px)
+        moved = CameraView(replace(self.camera, world_T_camera=world_T_camera), self.points_px)
         moved.__dict__["in_camera"] = self.in_camera
         return moved
 
-    def with_points(self, points_px: Float[np.ndarray, "frame joint 2"]) -> View:
-        return View(self.camera, points_px)
+    def with_points(self, points_px: Float[np.ndarray, "frame joint 2"]) -> CameraView:
+        return CameraView(self.camera, points_px)
 
-    def joints(self, joints: Int[np.ndarray, " joint"]) -> View:
+    def joints(self, joints: Int[np.ndarray, " joint"]) -> CameraView:
         """Some of the joints, or all in another order."""
         return self._part((slice(None), joints))
 
-    def frames(self, frames: Int[np.ndarray, " sample"]) -> View:
+    def frames(self, frames: Int[np.ndarray, " sample"]) -> CameraView:
         return self._part((frames,))
 
-    def _part(self, chosen: tuple[Any, ...]) -> View:
-        part = View(self.camera, self.points_px[chosen])
+    def _part(self, chosen: tuple[Any, ...]) -> CameraView:
+        part = CameraView(self.camera, self.points_px[chosen])
         if "in_camera" in self.__dict__:
             part.__dict__["in_camera"] = self.in_camera[chosen]
         return part
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SynchronousViews:
     """All cameras at the same moments."""
 
-    views: tuple[View, ...]
+    views: tuple[CameraView, ...]
     mirror: Int[np.ndarray, " joint"]
     """For each joint, the one on the other side of the body."""
     limbs: Int[np.ndarray, "limb side 2"]
@@ -80,11 +80,11 @@ class Scene:
         points_px: Float[np.ndarray, "frame camera joint 2"],
         skeleton: Skeleton,
         time_s: Float[np.ndarray, " frame"],
-    ) -> Scene:
+    ) -> SynchronousViews:
         """All joints of all frames."""
-        views = [View(camera, points_px[:, c]) for c, camera in enumerate(rig.cameras)]
+        views = [CameraView(camera, points_px[:, c]) for c, camera in enumerate(rig.cameras)]
         limbs = np.array(skeleton.limb_pairs, dtype=int).reshape(-1, 2, 2)
-        return Scene(tuple(views), skeleton.mirror, limbs, time_s)
+        return SynchronousViews(tuple(views), skeleton.mirror, limbs, time_s)
 
     @property
     def n_cameras(self) -> int:
@@ -116,11 +116,11 @@ class Scene:
     def origins_m(self) -> Float[np.ndarray, "camera 3"]:
         return np.stack([view.camera.position_m for view in self.views])
 
-    def frames(self, frames: Int[np.ndarray, " sample"]) -> Scene:
+    def frames(self, frames: Int[np.ndarray, " sample"]) -> SynchronousViews:
         views = tuple(view.frames(frames) for view in self.views)
         return replace(self, views=views, time_s=self.time_s[frames])
 
-    def joints(self, joints: Int[np.ndarray, " joint"]) -> Scene:
+    def joints(self, joints: Int[np.ndarray, " joint"]) -> SynchronousViews:
         """Some of the joints; those of the other side have to be among them."""
         number = {int(joint): place for place, joint in enumerate(joints)}
         mirror = np.array([number[int(self.mirror[joint])] for joint in joints], dtype=int)
@@ -129,11 +129,11 @@ class Scene:
         views = tuple(view.joints(joints) for view in self.views)
         return replace(self, views=views, mirror=mirror, limbs=limbs.reshape(-1, 2, 2))
 
-    def with_views(self, changed: Mapping[int, View]) -> Scene:
+    def with_views(self, changed: Mapping[int, CameraView]) -> SynchronousViews:
         """Some of the views replaced."""
         return replace(self, views=tuple(changed.get(c, view) for c, view in enumerate(self.views)))
 
-    def cameras(self, cameras: Sequence[int]) -> Scene:
+    def cameras(self, cameras: Sequence[int]) -> SynchronousViews:
         """Some of the cameras."""
         return replace(self, views=tuple(self.views[c] for c in cameras))
 

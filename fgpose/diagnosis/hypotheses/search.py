@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Int
 
-from fgpose.diagnosis.hypotheses.agreement import SPREAD_M, STEADY, Agreement, agreement, unsteadiness
 from fgpose.diagnosis.hypotheses.cameras import lens_hypotheses, other_focal, pose_hypotheses
+from fgpose.diagnosis.hypotheses.consistency import SPREAD_M, STEADY, Consistency, consistency, unsteadiness
 from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypotheses
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
 from fgpose.diagnosis.hypotheses.images import image_hypotheses, is_common_size, is_part, resized, within_image
-from fgpose.diagnosis.hypotheses.scene import Scene
+from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
 
@@ -48,30 +48,30 @@ Whom = Literal["odd", "everybody", "each", "any"]
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class SearchState:
     """A scene with what its cameras make of it."""
 
-    scene: Scene
+    scene: SynchronousViews
 
     @cached_property
-    def agreement(self) -> Agreement:
-        return agreement(self.scene)
+    def consistency(self) -> Consistency:
+        return consistency(self.scene)
 
     @cached_property
     def unsteadiness(self) -> float:
-        return unsteadiness(self.agreement.positions_m, self.scene.limbs)
+        return unsteadiness(self.consistency.positions_m, self.scene.limbs)
 
     @cached_property
     def cost(self) -> float:
         """Of the rays, and of the limbs: two cameras agree on much that is no body."""
         unsteady = min(self.unsteadiness, 1.0) if np.isfinite(self.unsteadiness) else float(self.scene.shows_limbs)
-        rays = self.agreement.cost
+        rays = self.consistency.cost
         return (rays if np.isfinite(rays) else 1.0) + 0.5 * max(unsteady - STEADY / 2, 0.0)
 
     @cached_property
     def medians_m(self) -> np.ndarray:
         """Of the distances of each camera; NaN where nothing can be judged."""
-        own = [np.sort(each[mask]) for each, mask in _of_cameras(self.agreement)]
+        own = [np.sort(each[mask]) for each, mask in _of_cameras(self.consistency)]
         return np.array([each[len(each) // 2] if len(each) else np.nan for each in own])
 
     @property
@@ -84,13 +84,13 @@ class State:
     @property
     def is_clean(self) -> bool:
         """Whether no cause need be looked for: nothing is hidden, and nothing wrong."""
-        clean = (self.agreement.shares > _CLEAN_SHARE) | ~self.agreement.judged.any(axis=(0, 1))
+        clean = (self.consistency.shares > _CLEAN_SHARE) | ~self.consistency.judged.any(axis=(0, 1))
         small = (self.medians_m < _CLEAN_M) | np.isnan(self.medians_m)
         steady = self.scene.n_cameras > 2 or not self.unsteadiness > STEADY
-        return bool(self.agreement.judged.any() and clean.all() and small.all()) and steady
+        return bool(self.consistency.judged.any() and clean.all() and small.all()) and steady
 
 
-def _of_cameras(found: Agreement) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _of_cameras(found: Consistency) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     for c in range(found.distance_m.shape[-1]):
         yield found.distance_m[..., c], found.judged[..., c]
 
@@ -100,14 +100,14 @@ class Explanation:
     """Causes that together make the cameras agree."""
 
     causes: tuple[Hypothesis, ...]
-    before: State
-    after: State
+    before: SearchState
+    after: SearchState
     """Both on frames that were not looked at to find the causes."""
     rival: Hypothesis | None
     """One that explains the recording as well; None: there is none."""
 
 
-def explain(scene: Scene) -> Explanation | None:
+def explain(scene: SynchronousViews) -> Explanation | None:
     """The causes without which the cameras agree; None: none of those that are known.
 
     Causes are looked for in one half of the time and judged in the other.
@@ -133,44 +133,48 @@ def _halves(n_frames: int) -> tuple[Int[np.ndarray, " looked_at"], Int[np.ndarra
     return np.flatnonzero(stretch % 2 == 0), np.flatnonzero(stretch % 2 == 1)
 
 
-def _coarse_joints(scene: Scene) -> Int[np.ndarray, " joint"]:
+def _coarse_joints(scene: SynchronousViews) -> Int[np.ndarray, " joint"]:
     """The first ones with those of the other side: shoulders, elbows, wrists and hips of limb_joints."""
     some = np.arange(min(_COARSE_JOINTS, len(scene.mirror)))
     return np.unique(np.concatenate([some, scene.mirror[some]]))
 
 
-def _found(coarse: Scene, fine: Scene, judge: Scene, whom: Whom) -> Explanation | None:
-    given, before, causes = judge, State(judge), ()
+def _found(coarse: SynchronousViews, fine: SynchronousViews, judge: SynchronousViews, whom: Whom) -> Explanation | None:
+    given, before, causes = judge, SearchState(judge), ()
     while len(causes) < coarse.n_cameras:
         ranked = _ranked(fine, list(_candidates(coarse, causes, whom)), coarse)
         if not ranked:
             return None
         chosen = _first_credible(ranked, fine)
-        if chosen is None or ranked[chosen][1].cost > _STEP * State(fine).cost:
+        if chosen is None or ranked[chosen][1].cost > _STEP * SearchState(fine).cost:
             return None
         (best, after), rivals = ranked[chosen], ranked[chosen + 1 :]
         causes = (*causes, best)
         coarse, fine, judge = (best.mend(each) for each in (coarse, fine, judge))
-        if after.is_normal and State(judge).is_normal and State(judge).cost < EXPLAINED * before.cost:
+        if after.is_normal and SearchState(judge).is_normal and SearchState(judge).cost < EXPLAINED * before.cost:
             if not _all_the_time(given, judge):
                 return None
-            return Explanation(causes, before, State(judge), _rival(best, after, rivals))
+            return Explanation(causes, before, SearchState(judge), _rival(best, after, rivals))
         if len(best.cameras) == coarse.n_cameras and best.code is not Code.EXCHANGED_CAMERAS:
             return None
     return None
 
 
-def _all_the_time(before: Scene, after: Scene) -> bool:
+def _all_the_time(before: SynchronousViews, after: SynchronousViews) -> bool:
     """Whether the causes make no third of the time worse: where they do, something has changed since."""
     thirds = np.array_split(np.arange(len(before.time_s)), 3)
-    costs = [(State(before.frames(third)).cost, State(after.frames(third)).cost) for third in thirds if len(third)]
+    costs = [
+        (SearchState(before.frames(third)).cost, SearchState(after.frames(third)).cost)
+        for third in thirds
+        if len(third)
+    ]
     return all(own_after < _WORSE * own_before + _BY_CHANCE for own_before, own_after in costs)
 
 
-def _first_credible(ranked: list[tuple[Hypothesis, State]], scene: Scene) -> int | None:
+def _first_credible(ranked: list[tuple[Hypothesis, SearchState]], scene: SynchronousViews) -> int | None:
     """Of those that are nearly as good as the best, or leave hardly anything: sizes are common ones, which the best on
     a grid may miss, and with two cameras some focal length suits almost everything."""
-    enough = max(_NEARLY * ranked[0][1].cost, _HARDLY * State(scene).cost)
+    enough = max(_NEARLY * ranked[0][1].cost, _HARDLY * SearchState(scene).cost)
     for place, (cause, after) in enumerate(ranked):
         if after.cost > enough:
             return None
@@ -179,7 +183,7 @@ def _first_credible(ranked: list[tuple[Hypothesis, State]], scene: Scene) -> int
     return None
 
 
-def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
+def _is_credible(cause: Hypothesis, scene: SynchronousViews) -> bool:
     """Two cameras agree on so little that almost any size or focal length can be found that makes them agree; and a
     camera that was turned agrees better with images of another size, but not of one that anybody uses."""
     if cause.code is Code.IMAGE_SIZE:
@@ -193,10 +197,10 @@ def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
     return cause.code is not Code.WRONG_LENS or (scene.n_cameras > 2 and _has_size(cause.mend(scene)))
 
 
-def _has_size(scene: Scene) -> bool:
+def _has_size(scene: SynchronousViews) -> bool:
     """Whether the body is neither a doll nor a giant: the longer the focal length, the nearer together are its joints,
     and the less rays miss each other that are of nothing."""
-    positions_m = State(scene).agreement.positions_m
+    positions_m = SearchState(scene).consistency.positions_m
     known = np.isfinite(positions_m).all(axis=(1, 2))
     if not known.any():
         return True
@@ -204,7 +208,7 @@ def _has_size(scene: Scene) -> bool:
     return SPREAD_M / _SIZE < float(np.median(np.linalg.norm(offsets_m, axis=-1))) < SPREAD_M * _SIZE
 
 
-def _rival(best: Hypothesis, after: State, others: Iterable[tuple[Hypothesis, State]]) -> Hypothesis | None:
+def _rival(best: Hypothesis, after: SearchState, others: Iterable[tuple[Hypothesis, SearchState]]) -> Hypothesis | None:
     """The next best that is another cause, or of other cameras, if it is nearly as good."""
     for other, state in others:
         if _remedied(other) != _remedied(best) and state.is_normal:
@@ -216,22 +220,24 @@ def _remedied(cause: Hypothesis) -> tuple[Code, tuple[int, ...], bool]:
     return cause.code, cause.cameras, is_part(cause)
 
 
-def _ranked(fine: Scene, candidates: Iterable[Hypothesis], coarse: Scene) -> list[tuple[Hypothesis, State]]:
+def _ranked(
+    fine: SynchronousViews, candidates: Iterable[Hypothesis], coarse: SynchronousViews
+) -> list[tuple[Hypothesis, SearchState]]:
     """The best ones by the finer sample, sizes and focal lengths to within a thousandth."""
-    first = [(State(each.mend(coarse)).cost, each) for each in candidates]
+    first = [(SearchState(each.mend(coarse)).cost, each) for each in candidates]
     finalists = [each for _, each in sorted(first, key=lambda pair: pair[0])[: 3 * _FINALISTS]]
-    second = sorted(((State(each.mend(fine)).cost, each) for each in finalists), key=lambda pair: pair[0])
+    second = sorted(((SearchState(each.mend(fine)).cost, each) for each in finalists), key=lambda pair: pair[0])
     refined = [_refined(each, fine) for _, each in second[:_FINALISTS]]
-    states = [(each, State(each.mend(fine))) for each in refined]
+    states = [(each, SearchState(each.mend(fine))) for each in refined]
     return sorted(states, key=lambda pair: pair[1].cost + 0.003 * (pair[0].preference + len(pair[0].cameras)))
 
 
-def _candidates(scene: Scene, causes: tuple[Hypothesis, ...], whom: Whom) -> Iterator[Hypothesis]:
+def _candidates(scene: SynchronousViews, causes: tuple[Hypothesis, ...], whom: Whom) -> Iterator[Hypothesis]:
     """Of the cameras that do not agree with three others that do, of all alike, or of each by itself."""
     everybody = tuple(range(scene.n_cameras))
     changed = {c for cause in causes for c in cause.cameras}
     if whom == "odd":
-        odd = tuple(np.flatnonzero(~(State(scene).medians_m < NORMAL_M)).tolist())
+        odd = tuple(np.flatnonzero(~(SearchState(scene).medians_m < NORMAL_M)).tolist())
         if scene.n_cameras - len(odd) >= _ENOUGH:
             yield from exchange_hypotheses(scene, odd)
             yield from _of_group_each([(c,) for c in odd if c not in changed], scene)
@@ -246,7 +252,7 @@ def _candidates(scene: Scene, causes: tuple[Hypothesis, ...], whom: Whom) -> Ite
         yield from _of_group_each([(c,) for c in everybody if c not in changed], scene)
 
 
-def _of_group_each(groups: Iterable[tuple[int, ...]], scene: Scene) -> Iterator[Hypothesis]:
+def _of_group_each(groups: Iterable[tuple[int, ...]], scene: SynchronousViews) -> Iterator[Hypothesis]:
     """What may be wrong of cameras alike."""
     for group in groups:
         yield from image_hypotheses(scene, group)
@@ -254,7 +260,7 @@ def _of_group_each(groups: Iterable[tuple[int, ...]], scene: Scene) -> Iterator[
         yield from side_hypotheses(group)
 
 
-def _refined(hypothesis: Hypothesis, scene: Scene) -> Hypothesis:
+def _refined(hypothesis: Hypothesis, scene: SynchronousViews) -> Hypothesis:
     """With the best size or focal length near that of the grid."""
     make: Callable[[float], Hypothesis]
     is_size = hypothesis.code is Code.IMAGE_SIZE and not is_part(hypothesis)
@@ -269,6 +275,6 @@ def _refined(hypothesis: Hypothesis, scene: Scene) -> Hypothesis:
     step = 0.02
     while step > 0.001:
         tried = [make(first * np.exp(change)) for change in (-step, 0.0, step)]
-        best = min(tried, key=lambda each: State(each.mend(scene)).cost)
+        best = min(tried, key=lambda each: SearchState(each.mend(scene)).cost)
         first, step = first * float(np.exp((-step, 0.0, step)[tried.index(best)])), step / 2
     return make(first)

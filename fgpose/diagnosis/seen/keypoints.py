@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
-from fgpose.diagnosis.hypotheses.agreement import SPREAD_M
+from fgpose.diagnosis.hypotheses.consistency import SPREAD_M
 from fgpose.diagnosis.hypotheses.scene import limb_joints
 from fgpose.finding import Code, Finding, Severity
 from fgpose.observations import Observations, blanked
@@ -68,7 +68,7 @@ def zero_keypoints(examined: Examined) -> list[Finding]:
     ]
 
 
-def without_zeros(examined: Examined) -> Examined:
+def zeros_as_missing(examined: Examined) -> Examined:
     """As if missing joints had been given as missing: what is looked at is what was seen."""
     zero = _zero(examined.people)
     people = {person: _blanked(seen, zero[person]) for person, seen in examined.people.items()}
@@ -130,7 +130,7 @@ def smoothed_keypoints(examined: Examined) -> list[Finding]:
     step, joints = max(round(rate_hz / _RATE_HZ), 1), limb_joints(seen.skeleton)
     trembling = [_trembling(seen.points2d_px[:, c][:, joints], step) for c in range(seen.n_cameras)]
     alone = examined.rig.n_cameras < 2
-    distance_m = np.inf if alone else examined.geometry.state.agreement.median_m
+    distance_m = np.inf if alone else examined.geometry.state.consistency.median_m
     smooth = [c for c, own in enumerate(trembling) if own < min(_TREMBLES, _OF_DISTANCE * distance_m / SPREAD_M)]
     if not smooth:
         return []

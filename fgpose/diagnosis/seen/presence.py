@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.association.identity import RECOGNISED
-from fgpose.association.successive import Change, successive
+from fgpose.association.successive import Replacement, successive
 from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
@@ -156,7 +156,7 @@ def somebody_else(examined: Examined) -> list[Finding]:
     return [_comes_after(each) for each in changes if each.is_somebody_else or each.log_odds < RECOGNISED]
 
 
-def _comes_after(change: Change) -> Finding:
+def _comes_after(change: Replacement) -> Finding:
     reason = str(change)
     return Finding(
         Code.SOMEBODY_ELSE,
@@ -177,7 +177,7 @@ def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Findi
         explained: cameras of which it is known already why they see people elsewhere.
     """
     geometry, names = examined.geometry, examined.rig.names
-    found = geometry.state.agreement
+    found = geometry.state.consistency
     if geometry.explanation is not None or geometry.odd or geometry.wrong or len(names) < 3:
         return []
     with warnings.catch_warnings():

@@ -12,7 +12,7 @@ import numpy as np
 
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers
 from fgpose.io.content import read_content
-from fgpose.io.names import shown
+from fgpose.io.names import not_hidden
 
 EXTENSION = ".calib"
 _MAX_BYTES = 100_000
@@ -20,7 +20,7 @@ _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 
 
 def files_in(folder: Path) -> list[Path]:
-    return shown(folder.glob(f"*{EXTENSION}"))
+    return not_hidden(folder.glob(f"*{EXTENSION}"))
 
 
 def read(path: Path) -> list[CalibratedView]:

@@ -11,7 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.geometry.camera import Camera, CameraRig, LensModel
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.lens import LensModel
+from fgpose.geometry.rigid import inverse, pose_of
 from fgpose.plain_files import MAX_CAMERAS
 
 UnitOfFormat = Literal["auto", "m", "mm"]
@@ -55,7 +57,7 @@ class CalibratedView:
         camera = Camera.from_world_to_camera(
             self.name, self.size_px, self.K, self.R, self.t * metres_per_unit, self.distortion, self.lens
         )
-        moves = tuple((since_s, _pose(R, t * metres_per_unit)) for since_s, R, t in self.moves)
+        moves = tuple((since_s, inverse(pose_of(R, t * metres_per_unit))) for since_s, R, t in self.moves)
         return replace(
             camera,
             time_offset_s=self.time_offset_s,
@@ -66,15 +68,8 @@ class CalibratedView:
         )
 
 
-def _pose(R: Float[np.ndarray, "3 3"], t_m: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "4 4"]:
-    """world_T_camera of x_camera = R x_world + t."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = R.T, -R.T @ t_m
-    return pose
-
-
 @dataclass(frozen=True)
-class Lens:
+class Intrinsics:
     """Intrinsics of one camera of a file, whatever its pose is."""
 
     name: str

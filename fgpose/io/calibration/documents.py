@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.geometry.camera import LensModel
-from fgpose.io.calibration.calibrated_view import CalibratedView, Lens, numbers, rotation_matrix
+from fgpose.geometry.lens import LensModel
+from fgpose.io.calibration.calibrated_view import CalibratedView, Intrinsics, numbers, rotation_matrix
 from fgpose.io.content import parse_json
 
 _ROTATION = ("r", "rotation", "rotationmatrix", "rvec", "rot")
@@ -101,7 +101,7 @@ def _view(name: str, table: Mapping[str, Any]) -> CalibratedView:
     return CalibratedView(name, lens.size_px, lens.K, R, t, lens.distortion, lens.lens)
 
 
-def lenses(document: Mapping[str, Any], name: str) -> list[Lens]:
+def lenses(document: Mapping[str, Any], name: str) -> list[Intrinsics]:
     """The cameras of a document: one, or a table for each.
 
     Args:
@@ -120,7 +120,7 @@ def lenses(document: Mapping[str, Any], name: str) -> list[Lens]:
     return found
 
 
-def _lens(table: Mapping[str, Any], name: str) -> Lens:
+def _lens(table: Mapping[str, Any], name: str) -> Intrinsics:
     K = numbers(name, "the camera matrix", _numbers(value_of(table, _MATRIX), name), 3, 3)
     coefficients = value_of(table, _DISTORTION)
     distortion = np.zeros(0)
@@ -128,7 +128,7 @@ def _lens(table: Mapping[str, Any], name: str) -> Lens:
         distortion = numbers(name, "the distortion", _numbers(coefficients, name)).ravel()
     model, fisheye = str(value_of(table, _MODEL)).casefold(), str(value_of(table, _FISHEYE)).casefold()
     lens: LensModel = "fisheye" if model in _FISHEYE_MODELS or fisheye in _TRUE else "pinhole"
-    return Lens(name, K, distortion, _size_px(table, name), lens)
+    return Intrinsics(name, K, distortion, _size_px(table, name), lens)
 
 
 def _size_px(table: Mapping[str, Any], name: str) -> tuple[int, int] | None:

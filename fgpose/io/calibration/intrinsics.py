@@ -23,7 +23,7 @@ from fgpose.io.calibration import (
     toml_formats,
     xml_formats,
 )
-from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
+from fgpose.io.calibration.calibrated_view import CalibratedView, Intrinsics
 from fgpose.io.content import read_content
 from fgpose.io.names import named_cameras, visible
 from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
@@ -78,7 +78,7 @@ def _sized(names: Sequence[str], sizes_px: Sequence[Size | None] | None) -> list
     return list(zip(names, sizes_px or [None] * len(names), strict=True))
 
 
-def _camera(name: str, lens: Lens, size_px: Size | None) -> Camera:
+def _camera(name: str, lens: Intrinsics, size_px: Size | None) -> Camera:
     """As the file says; where it does not say for which images, for these."""
     size_px = lens.size_px or size_px
     if size_px is None:
@@ -93,7 +93,7 @@ def _camera(name: str, lens: Lens, size_px: Size | None) -> Camera:
     return camera
 
 
-def _lenses(path: Path) -> list[Lens]:
+def _lenses(path: Path) -> list[Intrinsics]:
     """All cameras of a file or folder."""
     if not path.is_dir():
         return _of_file(path)
@@ -110,7 +110,7 @@ def _lenses(path: Path) -> list[Lens]:
     return [_only_lens(file) for file in files]
 
 
-def _only_lens(file: Path) -> Lens:
+def _only_lens(file: Path) -> Intrinsics:
     with naming(file.name):
         found = _of_file(file)
     if len(found) > 1:
@@ -118,7 +118,7 @@ def _only_lens(file: Path) -> Lens:
     return replace(found[0], name=file.stem)
 
 
-def _of_file(path: Path) -> list[Lens]:
+def _of_file(path: Path) -> list[Intrinsics]:
     if live_format.is_live(path):
         return _without_poses(live_format.read(path))
     content = read_content(path, MAX_CALIBRATION_BYTES)
@@ -142,7 +142,7 @@ def _of_file(path: Path) -> list[Lens]:
     return _of_toml(start, path.stem)
 
 
-def _of_toml(content: bytes, name: str) -> list[Lens]:
+def _of_toml(content: bytes, name: str) -> list[Intrinsics]:
     try:
         text = content.decode("utf-8")
         document = parse_toml(text)
@@ -153,5 +153,5 @@ def _of_toml(content: bytes, name: str) -> list[Lens]:
     return documents.lenses(document, name)
 
 
-def _without_poses(views: list[CalibratedView]) -> list[Lens]:
-    return [Lens(view.name, view.K, view.distortion, view.size_px, view.lens) for view in views]
+def _without_poses(views: list[CalibratedView]) -> list[Intrinsics]:
+    return [Intrinsics(view.name, view.K, view.distortion, view.size_px, view.lens) for view in views]

@@ -19,7 +19,7 @@ import yaml
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import write_text
-from fgpose.io.calibration.calibrated_view import CalibratedView, Lens, numbers, rotation_matrix
+from fgpose.io.calibration.calibrated_view import CalibratedView, Intrinsics, numbers, rotation_matrix
 from fgpose.io.content import read_content
 
 # A hundred cameras take 100 kB and 4,000 values, the corners of a board in a hundred images 300 kB and 20,000.
@@ -151,7 +151,7 @@ def _names(document: dict[str, Any]) -> list[str]:
     return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
 
 
-def intrinsics(document: dict[str, Any]) -> list[Lens]:
+def intrinsics(document: dict[str, Any]) -> list[Intrinsics]:
     """The cameras of intri.yml alone. Raises ValueError as read."""
     return [_lens(name, document) for name in _names(document)]
 
@@ -187,7 +187,7 @@ def _view(name: str, intrinsics: dict[str, Any], extrinsics: dict[str, Any]) -> 
     )
 
 
-def _lens(name: str, intrinsics: dict[str, Any]) -> Lens:
+def _lens(name: str, intrinsics: dict[str, Any]) -> Intrinsics:
     given = [intrinsics[f"{key}_{name}"] for key in ("W", "H") if f"{key}_{name}" in intrinsics]
     size_px = None
     if len(given) == 2:
@@ -195,4 +195,4 @@ def _lens(name: str, intrinsics: dict[str, Any]) -> Lens:
         size_px = round(sides[0]), round(sides[1])
     K = numbers(name, "K", _matrix(intrinsics, name, "K"), 3, 3)
     distortion = np.ravel(numbers(name, "dist", _matrix(intrinsics, name, "dist", "D")))
-    return Lens(name, K, distortion, size_px)
+    return Intrinsics(name, K, distortion, size_px)

@@ -13,7 +13,7 @@ from fgpose.io.keypoints import deeplabcut
 from fgpose.io.keypoints.detections import (
     CameraDetections,
     ImageDetections,
-    Source,
+    Provenance,
     checked_detections,
     detections_from_triples,
     nobody,
@@ -41,7 +41,7 @@ def read(path: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections,
         ValueError: the file is damaged, of no such format, or does not fit the skeleton. The message names file,
             camera, frame and joint.
     """
-    source = Source(path, camera)
+    source = Provenance(path, camera)
     if path.suffix == ".csv":
         return deeplabcut.read(source, skeleton), "DeepLabCut"
     document = _read_npz(source) if path.suffix == ".npz" else read_json(source)
@@ -49,12 +49,12 @@ def read(path: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections,
     return reader(document, source, skeleton), format_name
 
 
-def _read_npz(source: Source) -> dict[str, np.ndarray]:
+def _read_npz(source: Provenance) -> dict[str, np.ndarray]:
     with naming(source):
         return read_arrays(source.path)
 
 
-def _reader(document: Any, source: Source) -> tuple[str, Callable[[Any, Source, Skeleton], CameraDetections]]:
+def _reader(document: Any, source: Provenance) -> tuple[str, Callable[[Any, Provenance, Skeleton], CameraDetections]]:
     first = document[0] if isinstance(document, list) and document else document
     if isinstance(document, list) and not document:
         return "COCO results", _read_coco
@@ -81,7 +81,7 @@ def _reader(document: Any, source: Source) -> tuple[str, Callable[[Any, Source, 
     raise ValueError(f"{source}: not keypoints of MMPose, COCO results, AlphaPose or MeTRAbs")
 
 
-def _read_mmpose(document: dict[str, Any], source: Source, skeleton: Skeleton) -> CameraDetections:
+def _read_mmpose(document: dict[str, Any], source: Provenance, skeleton: Skeleton) -> CameraDetections:
     with naming(source):
         _check_meta(document.get("meta_info"), skeleton)
     return _read_mmpose_frames(document["instance_info"], source, skeleton)
@@ -102,17 +102,17 @@ def _check_meta(meta: Any, skeleton: Skeleton) -> None:
     )
 
 
-def _read_mmpose_frames(document: Any, source: Source, skeleton: Skeleton) -> CameraDetections:
+def _read_mmpose_frames(document: Any, source: Provenance, skeleton: Skeleton) -> CameraDetections:
     frames: CameraDetections = {}
     for position, image in enumerate(_rows(document, source)):
         if "frame_id" not in image or not isinstance(image.get("instances"), list):
             raise ValueError(f"{source}: entry {position} of instance_info lacks frame_id or instances")
-        here = Source(source.path, source.camera, _frame_number(source, image["frame_id"]))
+        here = Provenance(source.path, source.camera, _frame_number(source, image["frame_id"]))
         frames[_new_frame(here, frames)] = mmpose_instances(image["instances"], here, skeleton)
     return frames
 
 
-def _read_coco(document: list[Any], source: Source, skeleton: Skeleton) -> CameraDetections:
+def _read_coco(document: list[Any], source: Provenance, skeleton: Skeleton) -> CameraDetections:
     rows = _rows(document, source)
     for position, row in enumerate(rows):
         if not {"image_id", "keypoints"} <= set(row):
@@ -125,21 +125,21 @@ def _read_coco(document: list[Any], source: Source, skeleton: Skeleton) -> Camer
         frame = _frame_of(source, stems[image], number) if isinstance(image, str) else _frame_number(source, image)
         people.setdefault(frame, []).append(row["keypoints"])
     return {
-        frame: detections_from_triples(Source(source.path, source.camera, frame), skeleton, found)
+        frame: detections_from_triples(Provenance(source.path, source.camera, frame), skeleton, found)
         for frame, found in sorted(people.items())
     }
 
 
-def _read_metrabs(document: Any, source: Source, skeleton: Skeleton) -> CameraDetections:
+def _read_metrabs(document: Any, source: Provenance, skeleton: Skeleton) -> CameraDetections:
     by_frame = _rows(document, source) if isinstance(document, list) else _rows_of_columns(document, source)
     frames: CameraDetections = {}
     for position, row in enumerate(by_frame):
-        here = Source(source.path, source.camera, _frame_number(source, row.get("frame", position)))
+        here = Provenance(source.path, source.camera, _frame_number(source, row.get("frame", position)))
         frames[_new_frame(here, frames)] = _metrabs_image(row, here, skeleton)
     return frames
 
 
-def _rows_of_columns(columns: Mapping[str, Any], source: Source) -> list[dict[str, Any]]:
+def _rows_of_columns(columns: Mapping[str, Any], source: Provenance) -> list[dict[str, Any]]:
     used = {name: columns[name] for name in ("poses2d", "poses3d", "boxes", "frame") if name in columns}
     for name, column in used.items():
         if not isinstance(column, list) and np.ndim(column) == 0:
@@ -150,7 +150,7 @@ def _rows_of_columns(columns: Mapping[str, Any], source: Source) -> list[dict[st
     return [dict(zip(used, row, strict=True)) for row in zip(*used.values(), strict=True)]
 
 
-def _metrabs_image(row: Mapping[str, Any], source: Source, skeleton: Skeleton) -> ImageDetections:
+def _metrabs_image(row: Mapping[str, Any], source: Provenance, skeleton: Skeleton) -> ImageDetections:
     poses2d, poses3d, boxes = (
         None if row.get(name) is None else numbers(source, name, row[name]) for name in ("poses2d", "poses3d", "boxes")
     )
@@ -171,20 +171,20 @@ def _metrabs_image(row: Mapping[str, Any], source: Source, skeleton: Skeleton) -
     return checked_detections(source, skeleton, poses2d, confidence, poses3d)
 
 
-def _rows(rows: Any, source: Source) -> list[dict[str, Any]]:
+def _rows(rows: Any, source: Provenance) -> list[dict[str, Any]]:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError(f"{source}: a list of objects is needed, one per frame or person")
     return rows
 
 
-def _frame_number(source: Source, value: Any) -> int:
+def _frame_number(source: Provenance, value: Any) -> int:
     number = isinstance(value, int | float | np.integer | np.floating)
     if not number or not 0 <= value < MAX_FRAME or value != int(value):
         raise ValueError(f"{source}: {value!r} is not the number of a frame")
     return int(value)
 
 
-def _frame_of(source: Source, name: str, numbers: Mapping[str, int | None]) -> int:
+def _frame_of(source: Provenance, name: str, numbers: Mapping[str, int | None]) -> int:
     """Of the name of an image file."""
     number = numbers[name]
     if number is None:
@@ -192,7 +192,7 @@ def _frame_of(source: Source, name: str, numbers: Mapping[str, int | None]) -> i
     return number
 
 
-def _new_frame(source: Source, frames: CameraDetections) -> int:
+def _new_frame(source: Provenance, frames: CameraDetections) -> int:
     if source.frame is None or source.frame in frames:
         raise ValueError(f"{source}: this frame comes twice")
     return source.frame

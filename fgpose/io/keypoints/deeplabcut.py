@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.content import first_bytes, read_content, text_lines
-from fgpose.io.keypoints.detections import CameraDetections, Source, checked_detections
+from fgpose.io.keypoints.detections import CameraDetections, Provenance, checked_detections
 from fgpose.io.keypoints.image_files import frame_numbers
 from fgpose.io.keypoints.joint_names import plain_joint
 from fgpose.io.names import camera_name
@@ -31,7 +31,7 @@ def is_deeplabcut(path: Path) -> bool:
     return first_bytes(path, 7) == b"scorer,"
 
 
-def read(source: Source, skeleton: Skeleton) -> CameraDetections:
+def read(source: Provenance, skeleton: Skeleton) -> CameraDetections:
     """The images of one camera. Joints are found by their names (without case and separators); body parts that the
     skeleton lacks are left out. Without a likelihood (labels) all that is there has confidence 1.
 
@@ -54,7 +54,7 @@ def read(source: Source, skeleton: Skeleton) -> CameraDetections:
         joints = np.stack([row[columns] for columns in people])
         joints[..., 2] = np.where(people[:, :, 2] == _NO_COLUMN, 1.0, joints[..., 2])
         joints = joints[np.isfinite(joints[..., :2]).all(axis=-1).any(axis=-1)]
-        here = Source(source.path, source.camera, frame)
+        here = Provenance(source.path, source.camera, frame)
         image = checked_detections(here, skeleton, joints[..., :2], joints[..., 2])
         if frame in found:
             raise ValueError(f"{here}: this frame comes twice")
@@ -107,7 +107,7 @@ def _columns(skeleton: Skeleton, header: dict[str, list[str]], first: int) -> np
     return np.array([[[own.get(key, _NO_COLUMN) for key in joint] for joint in keys] for own in where.values()])
 
 
-def _frames(source: Source, indices: Sequence[str]) -> list[int]:
+def _frames(source: Provenance, indices: Sequence[str]) -> list[int]:
     """Of each row: its number, or that in the name of its image."""
     names = [Path(index).stem for index in indices]
     number = frame_numbers(list(dict.fromkeys(names)), camera_name(source.camera))

@@ -39,7 +39,7 @@ def detection_columns(arrays: Mapping[str, np.ndarray | None]) -> dict[str, np.n
     }
 
 
-def detections_of(table: pa.Table, spread: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
+def detection_arrays(table: pa.Table, spread: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays that detection_columns had; a joint without a row is NaN with confidence 0.
 
     Args:

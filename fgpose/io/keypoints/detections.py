@@ -17,7 +17,7 @@ from fgpose.skeleton import Skeleton
 
 
 @dataclass(frozen=True)
-class Source:
+class Provenance:
     """Where numbers come from, for messages."""
 
     path: Path
@@ -33,7 +33,7 @@ class Source:
 class ImageDetections:
     """The people found in one image; NaN = missing, then with confidence 0."""
 
-    source: Source
+    source: Provenance
     points2d_px: Float[np.ndarray, "person joint 2"]
     confidence: Float[np.ndarray, "person joint"]
     """As in the file: its own scale, from 0."""
@@ -47,12 +47,12 @@ CameraDetections = dict[int, ImageDetections]
 """The images of one camera by frame number."""
 
 
-def nobody(source: Source, skeleton: Skeleton) -> ImageDetections:
+def nobody(source: Provenance, skeleton: Skeleton) -> ImageDetections:
     """An image without people."""
     return ImageDetections(source, np.empty((0, skeleton.n_joints, 2)), np.empty((0, skeleton.n_joints)))
 
 
-def read_json(source: Source) -> Any:
+def read_json(source: Provenance) -> Any:
     """The document in a JSON file. Raises ValueError, naming file, camera and frame, if it is damaged."""
     with naming(source, "not JSON, or a truncated file"):
         content = read_content(source.path)
@@ -61,7 +61,7 @@ def read_json(source: Source) -> Any:
         return parse_json(content)
 
 
-def detections_from_triples(source: Source, skeleton: Skeleton, people: list[Any]) -> ImageDetections:
+def detections_from_triples(source: Provenance, skeleton: Skeleton, people: list[Any]) -> ImageDetections:
     """People given as flat lists x, y, confidence per joint, an empty list for one without a body.
 
     Raises:
@@ -83,7 +83,7 @@ def detections_from_triples(source: Source, skeleton: Skeleton, people: list[Any
     return checked_detections(source, skeleton, triples[..., :2], triples[..., 2])
 
 
-def _other_number(source: Source, skeleton: Skeleton, person: int, n_values: int) -> str:
+def _other_number(source: Provenance, skeleton: Skeleton, person: int, n_values: int) -> str:
     return (
         f"{source}: person {person} has {n_values / 3:g} keypoints of x, y, confidence; "
         f"{no_such_joints(skeleton, n_values // 3)}"
@@ -91,7 +91,7 @@ def _other_number(source: Source, skeleton: Skeleton, person: int, n_values: int
 
 
 def checked_detections(
-    source: Source, skeleton: Skeleton, points2d_px: Any, confidence: Any, points3d: Any = None
+    source: Provenance, skeleton: Skeleton, points2d_px: Any, confidence: Any, points3d: Any = None
 ) -> ImageDetections:
     """Detections whose missing joints are NaN with confidence 0; of a larger set of joints that is known, those of the
     skeleton.
@@ -126,14 +126,14 @@ def checked_detections(
 
 
 def refuse_confidence(
-    source: Source, skeleton: Skeleton, confidence: np.ndarray, bad: np.ndarray, remedy: str = ""
+    source: Provenance, skeleton: Skeleton, confidence: np.ndarray, bad: np.ndarray, remedy: str = ""
 ) -> None:
     """Raise ValueError, which names the first joint of the first person, if any confidence is bad."""
     first = ", ".join(f"{value:g}" for value in confidence[bad][:1])
     _refuse_joint(source, skeleton, bad, f"a confidence outside [0, 1]: {first}{remedy}")
 
 
-def numbers(source: Source, what: str, value: Any) -> np.ndarray:
+def numbers(source: Provenance, what: str, value: Any) -> np.ndarray:
     """An array of what a file has; null is NaN. Raises ValueError for anything but numbers, or ragged lists of them."""
     try:
         array = np.array(value)
@@ -144,7 +144,7 @@ def numbers(source: Source, what: str, value: Any) -> np.ndarray:
         raise ValueError(f"{source}: {what} are not numbers, or not equally many for every joint") from None
 
 
-def _check_shape(source: Source, skeleton: Skeleton, what: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
+def _check_shape(source: Provenance, skeleton: Skeleton, what: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
     if array.shape != shape:
         raise ValueError(
             f"{source}: the {what} of {shape[0]} people must be {shape} for the {skeleton.n_joints} joints of skeleton "
@@ -152,7 +152,7 @@ def _check_shape(source: Source, skeleton: Skeleton, what: str, array: np.ndarra
         )
 
 
-def _refuse_joint(source: Source, skeleton: Skeleton, bad: np.ndarray, what: str) -> None:
+def _refuse_joint(source: Provenance, skeleton: Skeleton, bad: np.ndarray, what: str) -> None:
     if bad.any():
         person, joint = np.argwhere(bad)[0]
         raise ValueError(f"{source}, joint {skeleton.joints[joint]}: person {person} has {what}")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fgpose.io.arrays import read_array
-from fgpose.io.keypoints.detections import CameraDetections, Source, checked_detections
+from fgpose.io.keypoints.detections import CameraDetections, Provenance, checked_detections
 from fgpose.io.keypoints.joint_names import no_such_joints
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
@@ -52,7 +52,7 @@ def read(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:
         cameras[name] = {}
         for frame in range(array.shape[1]):
             there = slice(None, 1 if known[c, frame].any() else 0)
-            source = Source(path, name, frame)
+            source = Provenance(path, name, frame)
             of_image = points2d_px[c, frame][None][there], known[c, frame].astype(float)[None][there]
             cameras[name][frame] = checked_detections(source, skeleton, *of_image)
     return cameras

@@ -10,13 +10,13 @@ from typing import Any
 from fgpose.io.keypoints.detections import (
     CameraDetections,
     ImageDetections,
-    Source,
+    Provenance,
     checked_detections,
     detections_from_triples,
     nobody,
     read_json,
 )
-from fgpose.io.names import camera_name, shown
+from fgpose.io.names import camera_name, not_hidden
 from fgpose.skeleton import Skeleton
 
 # Frame numbers are counters; longer ones overflow the arithmetic on them, and are identifiers.
@@ -77,11 +77,11 @@ def read(folder: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetection
     """
     frames: CameraDetections = {}
     format_of_folder = None
-    paths = shown(folder.glob("*.json"))
+    paths = not_hidden(folder.glob("*.json"))
     number = frame_numbers([path.stem for path in paths], camera_name(folder.name))
     for path in paths:
         frame = number[path.stem]
-        source = Source(path, camera, frame)
+        source = Provenance(path, camera, frame)
         if frame is None:
             raise ValueError(f"{source}: no frame number in the name {path.stem!r}")
         if frame in frames:
@@ -105,7 +105,7 @@ def image_format(document: Any) -> str | None:
     return None
 
 
-def _detections(document: Any, source: Source, skeleton: Skeleton) -> ImageDetections:
+def _detections(document: Any, source: Provenance, skeleton: Skeleton) -> ImageDetections:
     if isinstance(document, list):
         return mmpose_instances(document, source, skeleton)
     people = document["people"]
@@ -116,7 +116,7 @@ def _detections(document: Any, source: Source, skeleton: Skeleton) -> ImageDetec
     return detections_from_triples(source, skeleton, [row.get("pose_keypoints_2d", []) for row in people])
 
 
-def mmpose_instances(instances: list[Any], source: Source, skeleton: Skeleton) -> ImageDetections:
+def mmpose_instances(instances: list[Any], source: Provenance, skeleton: Skeleton) -> ImageDetections:
     """People of one image of MMPose. Raises ValueError as checked_detections does."""
     if not all(isinstance(row, dict) and {"keypoints", "keypoint_scores"} <= set(row) for row in instances):
         raise ValueError(f"{source}: an instance without keypoints or keypoint_scores")

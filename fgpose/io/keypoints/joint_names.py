@@ -33,11 +33,6 @@ def _larger_sets() -> dict[int, tuple[str, tuple[str, ...]]]:
     }
 
 
-def set_name(n_joints: int) -> str:
-    """What a larger set of joints is called."""
-    return _larger_sets()[n_joints][0]
-
-
 def chosen_joints(skeleton: Skeleton, n_given: int) -> tuple[int, ...] | None:
     """Where the joints of the skeleton are among so many; None where these are not a larger set that has them all."""
     if n_given == skeleton.n_joints or n_given not in _larger_sets():
@@ -73,7 +68,7 @@ def check_joints(skeleton: Skeleton, names: Sequence[str], data_set: str = "") -
         ValueError: a joint is at another place, or there is another number of them; the message names the skeleton that
             fits.
     """
-    known = _SKELETON_OF_DATA_SET.get(_plain(data_set))
+    known = _SKELETON_OF_DATA_SET.get(plain_joint(data_set))
     names = list(names) or list(load_skeleton(known).joints if known else ())
     chosen = chosen_joints(skeleton, len(names))
     if not names or _fits(skeleton, names if chosen is None else [names[i] for i in chosen]):
@@ -102,21 +97,17 @@ def _is_of(builtin: str, names: Sequence[str]) -> bool:
 def _fits(skeleton: Skeleton, names: Sequence[str]) -> bool:
     """Whether there are as many, and those that both have are at the same places."""
     common = _common(skeleton, names)
-    ours, theirs = [_plain(joint) for joint in skeleton.joints], [_plain(name) for name in names]
+    ours, theirs = [plain_joint(joint) for joint in skeleton.joints], [plain_joint(name) for name in names]
     if not common:
         return True
     return len(ours) == len(theirs) and all(ours.index(name) == theirs.index(name) for name in common)
 
 
 def _common(skeleton: Skeleton, names: Sequence[str]) -> set[str]:
-    return {_plain(joint) for joint in skeleton.joints} & {_plain(name) for name in names}
-
-
-def _plain(name: str) -> str:
-    plain = re.sub(r"[_\-.\s]", "", name.casefold())
-    return _SYNONYMS.get(plain, plain)
+    return {plain_joint(joint) for joint in skeleton.joints} & {plain_joint(name) for name in names}
 
 
 def plain_joint(name: str) -> str:
     """What names of joints are compared by."""
-    return _plain(name)
+    plain = re.sub(r"[_\-.\s]", "", name.casefold())
+    return _SYNONYMS.get(plain, plain)

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from fgpose.association.chosen_person import PersonRegion, chosen_person, main_person
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames
+from fgpose.correspondences import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.formats import KeypointFormat, recognised
 from fgpose.io.keypoints import camera_files, freemocap, image_files, live_files, people_files, recording_files

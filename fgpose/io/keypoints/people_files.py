@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
 from fgpose.io.keypoints.detection_columns import (
+    detection_arrays,
     detection_columns,
-    detections_of,
     joint_indices,
     repeated_row,
     require_columns,
@@ -239,7 +239,7 @@ def _read_parquet(path: Path, skeleton: Skeleton) -> _Images:
         return array
 
     n_people = np.bincount(image_of[first], minlength=len(image_camera))
-    return _Images(cameras, image_camera, image_time_s, n_people, detections_of(table, spread))
+    return _Images(cameras, image_camera, image_time_s, n_people, detection_arrays(table, spread))
 
 
 def _groups(

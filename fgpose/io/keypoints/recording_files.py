@@ -13,8 +13,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
 from fgpose.io.content import first_bytes
 from fgpose.io.keypoints.detection_columns import (
+    detection_arrays,
     detection_columns,
-    detections_of,
     joint_indices,
     repeated_row,
     require_columns,
@@ -163,7 +163,7 @@ def _read_parquet(path: Path, skeleton: Skeleton) -> Observations:
         array[frame, camera, joint] = column
         return array
 
-    found: dict[str, Any] = detections_of(table, spread)
+    found: dict[str, Any] = detection_arrays(table, spread)
     time_s = _times(numbers(table, "time_s"), frame, camera, shape[:2])
     return Observations(skeleton=skeleton, time_s=time_s, camera_names=cameras, **found)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from fgpose.io.content import first_bytes
 from fgpose.io.keypoints.deeplabcut import is_deeplabcut
 from fgpose.io.keypoints.freemocap import is_freemocap
-from fgpose.io.names import camera_name, shown, visible
+from fgpose.io.names import camera_name, not_hidden, visible
 
 # How far below a folder without keypoints they are looked for.
 _LEVELS = 2
@@ -72,7 +72,7 @@ def _found(path: Path) -> list[Path]:
 
 def _in_folder(folder: Path) -> list[Path]:
     """What of a camera is in its folder: the folder itself if it has a file for each image, or the file of all."""
-    files = shown(folder.iterdir())
+    files = not_hidden(folder.iterdir())
     documents = [file for file in files if file.suffix == ".json"]
     whole = [file for file in documents if file.stem.casefold() == "alphapose-results"]
     if whole:

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import quote
 
 from fgpose.io.atomic import write_text
-from fgpose.io.names import shown
+from fgpose.io.names import not_hidden
 from fgpose.io.tables import as_cell, read_table, write_table
 from fgpose.plain_files import naming
 
@@ -96,7 +96,7 @@ def part_fingerprint(part: Path) -> str | None:
 
 def parts_of(data_set: Path) -> list[Path]:
     """All files of a data set."""
-    return shown(data_set.glob("subject=*/session=*/*.parquet"))
+    return not_hidden(data_set.glob("subject=*/session=*/*.parquet"))
 
 
 def check_unlinked(results: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from fgpose.finding import Code
 from fgpose.live.cameras.clock_model import ClockModel
 from fgpose.live.cameras.frozen_keypoints import REASON, FrozenKeypoints
-from fgpose.live.cameras.health import Health, Verdict
+from fgpose.live.cameras.health import CameraVerdict, Health
 from fgpose.live.cameras.image import Image, SourceImage
 from fgpose.live.cameras.picture_faults import PictureFaults
 from fgpose.live.clock import FUTURE_S, Clock
@@ -21,7 +21,7 @@ from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.sources import CameraSource
 
 _LOG = logging.getLogger("fgpose.live")
-_CONNECTING = Verdict(CameraState.RECONNECTING, "connecting")
+_CONNECTING = CameraVerdict(CameraState.RECONNECTING, "connecting")
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ _STATES = {
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CameraVerdict:
     """A camera now."""
 
     state: CameraState
@@ -56,7 +56,7 @@ class Verdict:
     """All faults in words."""
 
 
-_OK = Verdict(CameraState.OK)
+_OK = CameraVerdict(CameraState.OK)
 
 
 class Health:
@@ -111,10 +111,10 @@ class Health:
         n = len(self._after(since_s))
         return n / (now_s - since_s) if now_s > since_s else 0.0
 
-    def verdict(self, now_s: float) -> Verdict:
+    def verdict(self, now_s: float) -> CameraVerdict:
         """Its state at a time that is not before the newest image."""
         if self._fixed is not None:
-            return Verdict(_STATES[self._fixed[0]], *self._fixed)
+            return CameraVerdict(_STATES[self._fixed[0]], *self._fixed)
         faults = self._faults_of_times(now_s)
         if not faults and not self._seen:
             return _OK
@@ -125,7 +125,7 @@ class Health:
         if not self._seen:
             return _OK
         order = [name for name in _STATES if name in self._seen]
-        return Verdict(_STATES[order[0]], order[0], "; ".join(self._seen[name][1] for name in order))
+        return CameraVerdict(_STATES[order[0]], order[0], "; ".join(self._seen[name][1] for name in order))
 
     @property
     def _last_s(self) -> float:

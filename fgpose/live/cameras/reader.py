@@ -9,8 +9,8 @@ from fgpose.live.cameras.camera import LiveCamera
 from fgpose.live.cameras.image import Image, SourceImage
 from fgpose.live.cameras.mailbox import Mailbox
 from fgpose.live.processes.parts import Parts
-from fgpose.live.sources import Source, SourceError
-from fgpose.live.sources.address import shown
+from fgpose.live.sources import ImageSource, SourceError
+from fgpose.live.sources.address import without_password
 
 # Between attempts to open a source again: doubled from the first to the last.
 _FIRST_WAIT_S, _LAST_WAIT_S = 0.5, 10.0
@@ -38,9 +38,9 @@ class CameraReader:
         self,
         camera: LiveCamera,
         mailbox: Mailbox[Image],
-        open_source: Callable[[], Source],
+        open_source: Callable[[], ImageSource],
         size_px: tuple[int, int],
-        first: Source | None = None,
+        first: ImageSource | None = None,
         parts: Parts | None = None,
     ) -> None:
         self._parts = parts or Parts(camera.clock.now_s)
@@ -123,7 +123,9 @@ class CameraReader:
     def _check_size(self, image: SourceImage) -> None:
         if image.picture is not None and image.picture.size_px != self._size_px:
             sizes = "{} x {} px instead of {} x {} px".format(*image.picture.size_px, *self._size_px)
-            raise SourceError(self._camera.name, shown(self._camera.settings.source), f"its images are now {sizes}")
+            raise SourceError(
+                self._camera.name, without_password(self._camera.settings.source), f"its images are now {sizes}"
+            )
 
     def _wait_for_taker(self) -> None:
         """Played as fast as possible, no image is left out."""

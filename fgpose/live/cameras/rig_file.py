@@ -25,7 +25,7 @@ from fgpose.config import checked_fields, parse_toml
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.live.sources import CameraSource
-from fgpose.live.sources.address import kind_of, shown, with_environment
+from fgpose.live.sources.address import kind_of, with_environment, without_password
 from fgpose.plain_files import naming, read_settings
 
 
@@ -90,8 +90,10 @@ def _sources(tables: dict[str, Any], folder: Path) -> dict[str, CameraSource]:
 def _resolved(source: str, folder: Path) -> str:
     """With its environment variables; paths of files are relative to the rig file."""
     source = with_environment(source)
-    if kind_of(source) in ("file", "folder") and shown(source) != source:
-        raise ValueError(f"{shown(source)} is no file, and an address is written rtsp://user:password@host/path")
+    if kind_of(source) in ("file", "folder") and without_password(source) != source:
+        raise ValueError(
+            f"{without_password(source)} is no file, and an address is written rtsp://user:password@host/path"
+        )
     return str(folder / source) if kind_of(source) in ("file", "folder") else source
 
 

@@ -19,7 +19,7 @@ from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraStatus
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import Worker
-from fgpose.live.sources import Source, SourceError, open_source
+from fgpose.live.sources import ImageSource, SourceError, open_source
 from fgpose.live.sources.playback import Playback
 
 _LOOKS_S = 0.2
@@ -126,10 +126,10 @@ def _longest_s(live_rig: LiveRig) -> float:
     return HANGS * max((settings.timeout_s for settings in live_rig.sources.values()), default=0.0)
 
 
-def _open_all(openers: Mapping[str, Callable[[], Source]], longest_s: float) -> dict[str, Source]:
+def _open_all(openers: Mapping[str, Callable[[], ImageSource]], longest_s: float) -> dict[str, ImageSource]:
     """All sources at once, as each may take seconds. Raises ValueError with the problems of all."""
     end_s = time.monotonic() + longest_s
-    opened: dict[str, Source] = {}
+    opened: dict[str, ImageSource] = {}
     problems: dict[str, Exception] = {}
 
     def open_one(name: str) -> None:
@@ -156,7 +156,7 @@ def _open_all(openers: Mapping[str, Callable[[], Source]], longest_s: float) -> 
     raise ValueError("\n".join(str(problems[name]) for name in openers if name in problems))
 
 
-def _fitted(live_rig: LiveRig, opened: Mapping[str, Source]) -> CameraRig:
+def _fitted(live_rig: LiveRig, opened: Mapping[str, ImageSource]) -> CameraRig:
     """The rig for the images that come. Raises ValueError where they are not the calibration's."""
     return CameraRig(
         tuple(

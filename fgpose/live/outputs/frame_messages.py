@@ -10,7 +10,7 @@ import numpy as np
 
 from fgpose.io.live.packing import packed, unpacked
 from fgpose.live.frame import CameraStatus, LiveFrame, LivePerson, Restarts
-from fgpose.live.reception.message_schema import converted
+from fgpose.live.reception.message_schema import as_dataclass
 from fgpose.skeleton import Skeleton
 
 FORMAT, VERSION = "fgpose/people", 1
@@ -78,7 +78,7 @@ def frame_of_document(document: Any, skeleton: Skeleton) -> LiveFrame:
     if document.get("joints") != list(skeleton.joints):
         raise ValueError(f"the joints of the message are not those of skeleton {skeleton.name}")
     try:
-        said = converted(document, _Frame)
+        said = as_dataclass(document, _Frame)
         for person in said.people:
             _check_shapes(person, skeleton.n_joints)
     except ValueError as error:

@@ -14,14 +14,14 @@ import numpy as np
 
 from fgpose.association.track import TrackEvent
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.output import BackgroundOutput
-from fgpose.live.outputs.viewer_process import Shown, Sighting, ViewerJob, ViewerProcess
+from fgpose.live.outputs.viewer_process import FrameToShow, TrackedDetections, ViewerJob, ViewerProcess
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.live_tracking import Update
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.recording import UpAxis
 
 # More changes than a viewer that hangs may miss.
 _MAX_EVENTS = 200
@@ -71,7 +71,7 @@ class ViewerOutput(BackgroundOutput):
         parts: Parts | None = None,
     ) -> None:
         self._lock = threading.Lock()
-        self._seen, self._sightings = _Seen(), dict[int, Sighting]()
+        self._seen, self._sightings = _Seen(), dict[int, TrackedDetections]()
         self.viewer_url: str | None = None
         """Where viewers connect."""
         self._port, numbers = port, count()
@@ -94,7 +94,8 @@ class ViewerOutput(BackgroundOutput):
             self._seen.events.extend(update.events)
             if any(image.is_used for image in update.images):
                 self._sightings = {
-                    tracked.person: Sighting(tracked.estimate.residual_px, tracked.seen) for tracked in update.people
+                    tracked.person: TrackedDetections(tracked.estimate.residual_px, tracked.seen)
+                    for tracked in update.people
                 }
 
     def show_image(self, camera: str, image_rgb: np.ndarray) -> None:
@@ -102,10 +103,10 @@ class ViewerOutput(BackgroundOutput):
         with self._lock:
             self._seen.pictures[camera] = image_rgb
 
-    def _shown(self, frame: LiveFrame) -> Shown:
+    def _shown(self, frame: LiveFrame) -> FrameToShow:
         with self._lock:
             seen, self._seen = self._seen, _Seen()
-            return Shown(frame, self._sightings, list(seen.images.values()), seen.pictures, list(seen.events))
+            return FrameToShow(frame, self._sightings, list(seen.images.values()), seen.pictures, list(seen.events))
 
 
 class _ViewerSink:
@@ -116,7 +117,7 @@ class _ViewerSink:
         shown: a frame with what has been seen since it was asked last.
     """
 
-    def __init__(self, process: ViewerProcess, shown: Callable[[LiveFrame], Shown]) -> None:
+    def __init__(self, process: ViewerProcess, shown: Callable[[LiveFrame], FrameToShow]) -> None:
         self._process, self._shown = process, shown
 
     def send(self, frame: LiveFrame) -> None:
@@ -129,7 +130,7 @@ class _ViewerSink:
 class _ViewerFileSink(_ViewerSink):
     """The same, of a file."""
 
-    def __init__(self, process: ViewerProcess, shown: Callable[[LiveFrame], Shown]) -> None:
+    def __init__(self, process: ViewerProcess, shown: Callable[[LiveFrame], FrameToShow]) -> None:
         super().__init__(process, shown)
         self._note = ""
 

@@ -20,12 +20,13 @@ import numpy as np
 from fgpose.association.track import Tracked, TrackEvent
 from fgpose.child_process import ChildProcess, parent
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import CameraState, LiveFrame, LivePerson
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 from fgpose.viewer import open_system_recording
-from fgpose.viewer.recording import CameraSaid, Moment, SystemRecording, UpAxis
+from fgpose.viewer.recording import CameraSaid, SystemRecording, SystemState
 
 _SILENT = (CameraState.LOST, CameraState.RECONNECTING)
 # Of people who may be anywhere, ellipsoids would only hide the room.
@@ -47,7 +48,7 @@ class ViewerJob:
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class TrackedDetections:
     """What the newest update says of somebody's detections."""
 
     residual_px: np.ndarray | None
@@ -57,11 +58,11 @@ class Sighting:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class FrameToShow:
     """A frame, and what has come since the one before."""
 
     frame: LiveFrame
-    sightings: Mapping[int, Sighting]
+    sightings: Mapping[int, TrackedDetections]
     """By person."""
     images: Sequence[Detections]
     pictures: Mapping[str, np.ndarray]
@@ -90,7 +91,7 @@ class ViewerProcess:
             self._process.close()
             raise
 
-    def send(self, shown: Shown) -> None:
+    def send(self, shown: FrameToShow) -> None:
         """Show it; returns when it is. Raises whatever went wrong."""
         self._process.write(shown)
         self.n_held = self._answer()
@@ -138,7 +139,7 @@ class _Shower:
         self._recording, self._moments = recording, _Moments()
         self._n_held, self._flushed_s = 0, -math.inf
 
-    def show(self, shown: Shown) -> int:
+    def show(self, shown: FrameToShow) -> int:
         """Returns how many are held then."""
         self._recording.log_moment(self._moments.moment(shown))
         self._n_held += 1
@@ -152,7 +153,7 @@ class _Shower:
         return 0
 
 
-def _next(receive: Callable[[], Shown | None]) -> Shown | None:
+def _next(receive: Callable[[], FrameToShow | None]) -> FrameToShow | None:
     """None: there is nothing more, or the parent has ended."""
     try:
         return receive()
@@ -174,7 +175,7 @@ class _Moments:
         self._before: LiveFrame | None = None
         """The first that told of its images."""
 
-    def moment(self, shown: Shown) -> Moment:
+    def moment(self, shown: FrameToShow) -> SystemState:
         frame = shown.frame
         # Before the first image nobody is there at any time.
         frame = replace(frame, time_s=frame.published_s) if math.isnan(frame.time_s) else frame
@@ -182,7 +183,7 @@ class _Moments:
         if is_new:
             self._before = frame
         assert self._before is not None
-        return Moment(
+        return SystemState(
             # Without new images time goes on, but not to the time of publishing: the next images are older.
             time_s=frame.time_s + frame.published_s - self._before.published_s,
             people=[_tracked(each, frame, shown.sightings.get(each.person), is_new) for each in frame.people],
@@ -199,7 +200,7 @@ class _Moments:
         )
 
 
-def _tracked(person: LivePerson, frame: LiveFrame, sighting: Sighting | None, is_new: bool) -> Tracked:
+def _tracked(person: LivePerson, frame: LiveFrame, sighting: TrackedDetections | None, is_new: bool) -> Tracked:
     """Somebody as published, with what the tracker says of their newest detections."""
     is_wide = np.trace(person.covariance_m2, axis1=1, axis2=2) > 3 * _WIDEST_SIGMA_M**2
     estimate = Estimate(

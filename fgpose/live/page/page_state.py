@@ -13,14 +13,20 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.live.frame import CameraState, LiveFrame, LivePerson
+from fgpose.geometry.up_axis import UpAxis
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.link_distance import LinkDistance
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.recording import UpAxis
 
 LATENCY_EDGES_MS = (0, 5, 10, 15, 20, 25, 30, 40, 50, 75, 100, 150, 200, 250, 300, 400, 500, 1000)
 """Lower edges of the bins of the histogram; the last one has no upper edge."""
 
+_OF_FRAME = ("sequence", "time_s", "published_s", "observed_share")
+_OF_CAMERA = (
+    *("reason", "image_s", "rate_hz", "clock_offset_s", "clock_sigma_s", "motion_offset_s", "motion_sigma_s"),
+    *("n_images", "n_used", "n_lost"),
+)
+_OF_DISTANCE = ("link", "distance_m", "person", "part", "closing_m_s")
 _LATENCY_OVER_S = 60.0
 _RATE_OVER_S = 3.0
 _MAX_EVENTS = 50
@@ -81,7 +87,7 @@ class PageState:
                 "now_s": now_s,
                 "skeleton": self._skeleton.name,
                 "lines": [*self._skeleton.bones, *self._skeleton.lines],
-                "frame": None if frame is None else _frame(frame),
+                "frame": None if frame is None else _fields(frame, _OF_FRAME),
                 "rate_hz": self._rate_hz(now_s),
                 "latency": self._latency_table(now_s),
                 "cameras": [
@@ -158,45 +164,20 @@ def _from_above(up: UpAxis) -> Float[np.ndarray, "2 3"]:
     return np.stack([first, second] if up[0] == "+" else [second, first])
 
 
-def _frame(frame: LiveFrame) -> dict[str, Any]:
-    return {
-        "sequence": frame.sequence,
-        "time_s": frame.time_s,
-        "published_s": frame.published_s,
-        "observed_share": frame.observed_share,
-    }
-
-
 def _status(frame: LiveFrame | None, name: str) -> dict[str, Any]:
     camera = next((camera for camera in (frame.cameras if frame else ()) if camera.name == name), None)
     if camera is None:
         return {"state": "unknown", "reason": "nothing has been published yet"}
-    return {
-        "state": camera.state.value,
-        "reason": camera.reason,
-        "image_s": camera.image_s,
-        "rate_hz": camera.rate_hz,
-        "clock_offset_s": camera.clock_offset_s,
-        "clock_sigma_s": camera.clock_sigma_s,
-        "motion_offset_s": camera.motion_offset_s,
-        "motion_sigma_s": camera.motion_sigma_s,
-        "n_images": camera.n_images,
-        "n_used": camera.n_used,
-        "n_lost": camera.n_lost,
-    }
+    return _fields(camera, _OF_CAMERA) | {"state": camera.state.value}
 
 
 def _distance(distance: LinkDistance) -> dict[str, Any]:
-    fault = None if distance.fault is None else {"reason": distance.fault.reason, "since_s": distance.fault.since_s}
-    return {
-        "link": distance.link,
-        "distance_m": distance.distance_m,
-        "is_free": distance.distance_m == math.inf,
-        "person": distance.person,
-        "part": distance.part,
-        "closing_m_s": distance.closing_m_s,
-        "fault": fault,
-    }
+    fault = None if distance.fault is None else asdict(distance.fault)
+    return _fields(distance, _OF_DISTANCE) | {"is_free": distance.distance_m == math.inf, "fault": fault}
+
+
+def _fields(said: LiveFrame | CameraStatus | LinkDistance, names: Sequence[str]) -> dict[str, Any]:
+    return {name: getattr(said, name) for name in names}
 
 
 def _to_json(table: Mapping[str, Any]) -> bytes:

@@ -27,6 +27,7 @@ from jaxtyping import UInt8
 
 from fgpose.child_process import StoppedTwice, is_stopped
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import LiveFrame
 from fgpose.live.link_distance import LinkDistance
 from fgpose.live.page.page_server import STATIC
@@ -34,7 +35,6 @@ from fgpose.live.page.page_state import PageState
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import PartEndedError, Worker
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.recording import UpAxis
 
 _STATE = "/state.json"
 _THUMBNAIL_PX = 320  # the longer side

@@ -18,10 +18,10 @@ from fgpose.live.cameras.camera import CameraEvent, LiveCamera
 from fgpose.live.cameras.rig_file import LiveRig
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraStatus, Restarts
-from fgpose.live.processes.arrivals import Arrivals
 from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened, SmallPicture
 from fgpose.live.processes.camera_process import CameraProcess
 from fgpose.live.processes.parts import Parts
+from fgpose.live.processes.pending_detections import PendingDetections
 from fgpose.monocular.network import Network
 
 ELSEWHERE = "zmq"
@@ -74,7 +74,7 @@ class CameraFeed:
             if settings.source == ELSEWHERE
         }
         """Cameras whose keypoints come from elsewhere: whoever gets them calls receive, and then deliver."""
-        self._arrivals = Arrivals(live_rig.rig.names)
+        self._arrivals = PendingDetections(live_rig.rig.names)
         shares = _shares(live_rig, n_jobs or n_cores())
         if shares and open_network is None:
             raise ValueError(f"a network is needed for the images of {', '.join(shares[0].rig.names)}")

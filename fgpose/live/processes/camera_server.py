@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import logging
+import time
 import warnings
 from collections.abc import Callable
 from logging.handlers import QueueHandler
 from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
 
 from fgpose.child_process import parent
 from fgpose.live.cameras.running import LiveCameras
@@ -14,12 +18,14 @@ from fgpose.live.clock import Clock
 from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened, SmallPicture
 from fgpose.live.processes.detectors import Detectors
 from fgpose.live.processes.parts import Parts
-from fgpose.live.processes.shown import ShownPictures
 from fgpose.live.processes.worker import PartEndedError, Worker
 from fgpose.monocular.network import Network
 
 STATUS_S = 0.1
 """Between two messages of how the cameras are."""
+# Pictures to look at are as large as a page or a viewer shows them (the longer side), and a few each second.
+_SIZE_PX = 480
+_INTERVAL_S = 0.3
 
 
 def serve() -> None:
@@ -67,7 +73,7 @@ def _serve(
                 send(PartEndedError(f"the network does not answer for an image of {', '.join(hung)}"))
 
     telling = Worker(f"telling of {', '.join(cameras.cameras)}", tell, parts)
-    show = ShownPictures(lambda camera, picture: send(SmallPicture(camera, picture))) if job.has_viewer else None
+    show = _ShownPictures(lambda camera, picture: send(SmallPicture(camera, picture))) if job.has_viewer else None
     with cameras:
         detectors = Detectors(cameras, network, send, job.n_detectors, show, parts)
         telling.start()
@@ -78,6 +84,31 @@ def _serve(
             telling.stopped.set()
             detectors.close()
             telling.close()
+
+
+class _ShownPictures:
+    """Scales some of the pictures of every camera down, and gives them on.
+
+    Args:
+        show: takes the name of the camera and the small picture, RGB.
+    """
+
+    def __init__(self, show: Callable[[str, np.ndarray], None]) -> None:
+        self._show = show
+        self._shown_s: dict[str, float] = {}
+
+    def __call__(self, camera: str, picture_rgb: UInt8[np.ndarray, "height width 3"]) -> None:
+        """A picture of a camera. Those of one camera come from one thread at a time."""
+        now_s = time.monotonic()
+        if now_s < self._shown_s.get(camera, -np.inf) + _INTERVAL_S:
+            return
+        self._shown_s[camera] = now_s
+        import cv2
+
+        height, width = picture_rgb.shape[:2]
+        scale = min(1.0, _SIZE_PX / max(height, width))
+        size_px = max(1, round(scale * width)), max(1, round(scale * height))
+        self._show(camera, cv2.resize(picture_rgb, size_px, interpolation=cv2.INTER_AREA))
 
 
 class _Sender(QueueHandler):

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.live.packing import packed
-from fgpose.live.reception.message_schema import PackedArray, Schema, shown
+from fgpose.live.reception.message_schema import PackedArray, Schema, quoted
 from fgpose.live.reception.rejections import MessageError
 from fgpose.observations import positive_definite, refuse_millimetres
 from fgpose.people_observations import Detections
@@ -127,14 +127,14 @@ def _checked_camera(document: _Keypoints, rig: CameraRig, skeleton: Skeleton) ->
     """Everything but the arrays is as here."""
     name = document.camera
     if name not in rig.names:
-        raise MessageError("camera", f"the rig has no camera {shown(name)}, only {', '.join(rig.names)}")
+        raise MessageError("camera", f"the rig has no camera {quoted(name)}, only {', '.join(rig.names)}")
     camera = rig.cameras[rig.names.index(name)]
     if document.skeleton != skeleton.name:
         wanted = f"{skeleton.name} with {skeleton.n_joints} joints"
-        raise MessageError("skeleton", f"camera {name}: skeleton {shown(document.skeleton)}, not {wanted}")
+        raise MessageError("skeleton", f"camera {name}: skeleton {quoted(document.skeleton)}, not {wanted}")
     if document.size_px != tuple(camera.size_px):
         raise MessageError(
-            "image size", f"camera {name}: images of {shown(document.size_px)}, calibrated are {camera.size_px}"
+            "image size", f"camera {name}: images of {quoted(document.size_px)}, calibrated are {camera.size_px}"
         )
     if not np.isfinite(document.time_s):
         raise MessageError("time", f"camera {name}: the time of an image is {document.time_s}")

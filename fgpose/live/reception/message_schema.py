@@ -31,7 +31,9 @@ class PackedArray(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         if math.prod(self.shape) * np.dtype(self.dtype).itemsize != len(self.data):
-            raise ValueError(f"an array of shape {shown(self.shape)} and type {self.dtype} has another number of bytes")
+            raise ValueError(
+                f"an array of shape {quoted(self.shape)} and type {self.dtype} has another number of bytes"
+            )
 
     def array(self) -> np.ndarray:
         """(*shape) float64."""
@@ -67,7 +69,7 @@ class Schema(Generic[Document]):
             raise MessageError("content", f"not a message of {self._name}: {reason}") from None
 
 
-def converted(document: Any, kind: type[Converted]) -> Converted:
+def as_dataclass(document: Any, kind: type[Converted]) -> Converted:
     """A document that is unpacked already, arrays and all, as a dataclass.
 
     Raises:
@@ -82,6 +84,6 @@ def _as_it_is(kind: type, value: Any) -> Any:
     return value
 
 
-def shown(value: Any) -> str:
+def quoted(value: Any) -> str:
     """For a reason, however long the value is."""
     return reprlib.repr(value)

@@ -19,7 +19,7 @@ _LONGEST_PAUSE_S = 10.0
 
 
 @dataclass(frozen=True)
-class Agreement:
+class ReplayComparison:
     """How the frames of a replay agree with those that were published."""
 
     n_frames: int = 0
@@ -30,14 +30,14 @@ class Agreement:
     largest_mm: float = 0.0
     """Between the positions of a joint. They are recorded in single precision."""
 
-    def with_frame(self, again: LiveFrame, recorded: LiveFrame) -> Agreement:
+    def with_frame(self, again: LiveFrame, recorded: LiveFrame) -> ReplayComparison:
         """With another pair of frames."""
         ours, theirs = ({person.person: person for person in frame.people} for frame in (again, recorded))
         both = ours.keys() & theirs.keys()
         apart_mm = [
             1e3 * np.linalg.norm(ours[person].positions_m - theirs[person].positions_m, axis=-1) for person in both
         ]
-        return Agreement(
+        return ReplayComparison(
             n_frames=self.n_frames + 1,
             n_people=self.n_people + len(both),
             n_others=self.n_others + len(ours.keys() ^ theirs.keys()),
@@ -52,7 +52,7 @@ def replay(
     config: Config | None = None,
     clock: Clock | None = None,
     progress: Callable[[float], None] = lambda time_s: None,
-) -> Agreement:
+) -> ReplayComparison:
     """Track what was recorded, in the same steps, and publish the frames of the recording with the people of now.
 
     Args:
@@ -73,7 +73,7 @@ def replay(
     tracking = LiveTracking(
         recording.rig, recording.skeleton, config or recording.config, volume_points_m(recording.rig)
     )
-    agreement, due_s, before_s = Agreement(), 0.0 if clock is None else clock.now_s(), recording.started_s
+    agreement, due_s, before_s = ReplayComparison(), 0.0 if clock is None else clock.now_s(), recording.started_s
     try:
         for again, recorded in _frames(recording, tracking, observers):
             if clock is not None:

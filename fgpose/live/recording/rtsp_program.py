@@ -21,7 +21,7 @@ _UNITS = "video/x-h264,stream-format=byte-stream,alignment=au"
 _LOOKS_MS = 2
 
 
-class Camera:
+class PlayedVideo:
     """Sends the encoded images of a file to whoever watches, each when it is due."""
 
     def __init__(self, path: Path) -> None:
@@ -72,7 +72,7 @@ def _encoded_images(path: Path) -> tuple[list[bytes], float]:
 def main(*paths: str) -> None:
     """Serve until the process is ended."""
     Gst.init(None)
-    cameras = [Camera(Path(path)) for path in paths]
+    cameras = [PlayedVideo(Path(path)) for path in paths]
     server = GstRtspServer.RTSPServer.new()
     server.set_address("127.0.0.1")
     server.set_service("0")

@@ -8,12 +8,12 @@ from fgpose.live.sources.decoder import Decoder
 from fgpose.live.sources.folder import FolderSource
 from fgpose.live.sources.playback import Playback
 from fgpose.live.sources.settings import CameraSource as CameraSource
-from fgpose.live.sources.source import Source as Source
+from fgpose.live.sources.source import ImageSource as ImageSource
 from fgpose.live.sources.source import SourceError as SourceError
 from fgpose.live.sources.video import LiveVideo, RecordedVideo
 
 
-def open_source(name: str, settings: CameraSource, clock: Clock, playback: Playback) -> Source:
+def open_source(name: str, settings: CameraSource, clock: Clock, playback: Playback) -> ImageSource:
     """Open the source of a camera.
 
     Args:

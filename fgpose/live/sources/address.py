@@ -26,7 +26,7 @@ def kind_of(source: str) -> Kind:
     return "folder" if os.path.isdir(source) else "file"
 
 
-def shown(source: str) -> str:
+def without_password(source: str) -> str:
     """The source without user, password, path and query: cameras want passwords in any of them. Of what looks like a
     mistyped address with one there is nothing but its beginning."""
     if "://" not in source:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fgpose.live.sources.address import Kind, shown
+from fgpose.live.sources.address import Kind, without_password
 from fgpose.live.sources.decoded import DecodedPicture, sender_s
 from fgpose.live.sources.packets import PacketDecoder
 from fgpose.live.sources.settings import CameraSource
@@ -144,7 +144,7 @@ class Decoder:
             raise self._problem(error) from None
 
     def _error(self, reason: str) -> SourceError:
-        return SourceError(self._name, shown(self._source), reason)
+        return SourceError(self._name, without_password(self._source), reason)
 
     def _problem(self, error: Exception) -> SourceError:
         """One error for whatever PyAV raises. Its own messages have the URL with the password."""

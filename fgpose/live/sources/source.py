@@ -24,7 +24,7 @@ class SourceError(Exception):
 
 
 @runtime_checkable
-class Source(Protocol):
+class ImageSource(Protocol):
     """Images of one camera. It is read and closed by one thread."""
 
     @property

@@ -11,8 +11,9 @@ from jaxtyping import Float, Int
 
 from fgpose.association.track import Tracked, TrackState
 from fgpose.calibration.disagreement import USUAL_MRAD
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY, Detections
+from fgpose.people_observations import Detections
 
 # Between two images of a camera joints move straight on; two slow ones apart they do not.
 _LONGEST_GAP_S = 0.2

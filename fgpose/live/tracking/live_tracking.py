@@ -19,7 +19,6 @@ from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.moments import Moments
 from fgpose.live.tracking.observed import observed_share
-from fgpose.live.tracking.people import coasting, live_person
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.tracking import Tracker
@@ -129,7 +128,7 @@ class LiveTracking:
         unseen_s = now_s - self.newest_s
         people = self._people
         if unseen_s > _COASTS_AFTER_S:
-            people = tuple(coasting(person, unseen_s) for person in people)
+            people = tuple(person.coasting(unseen_s) for person in people)
         told = self._told(cameras)
         frame = LiveFrame(
             sequence=self._sequence,
@@ -180,7 +179,7 @@ class LiveTracking:
             people = self._tracker.update(given)
             self._say_restarts(n_restarts)
             self._say_repairs(people)
-            self._people = tuple(live_person(tracked) for tracked in people)
+            self._people = tuple(LivePerson.of(tracked) for tracked in people)
             events = self._tracker.events()
             self._agreement.add(given, people)
             first_s = min(image.time_s for image in given)

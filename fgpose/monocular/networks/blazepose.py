@@ -15,7 +15,7 @@ from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import absolute_pose
 from fgpose.monocular.network import Image, People, checked_image
-from fgpose.monocular.networks.blazepose_detector import PersonDetector
+from fgpose.monocular.networks.blazepose_detector import BlazePoseDetector
 from fgpose.monocular.networks.blazepose_landmarks import LandmarkNetwork, Landmarks
 from fgpose.monocular.networks.crops import Region
 from fgpose.monocular.networks.sessions import identity
@@ -63,7 +63,7 @@ class BlazePose:
         if max_people < 1:
             raise ValueError(f"max_people must be at least 1, got {max_people}")
         self.landmarks = LandmarkNetwork(landmarks, threads)
-        self.detector = PersonDetector(detector, threads)
+        self.detector = BlazePoseDetector(detector, threads)
         self.max_people = max_people
         self.detect_every_frame = detect_every_frame
         self.skeleton = load_skeleton("blazepose_33")

@@ -31,7 +31,7 @@ BODY_SCALE = 1.25
 """Side of the region of interest over the diameter of the circle around the body, as the network was trained."""
 
 
-class PersonDetector:
+class BlazePoseDetector:
     """Finds people anywhere in an image. Its session may be used from several threads.
 
     Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.report.blocks import Cell, Plot, Section, Table, number
+from fgpose.report.blocks import Plot, Section, Table, TableCell, number
 from fgpose.report.plots import TIME_AXIS, models
 from fgpose.report.sections.angles import angle_section
 from fgpose.report.sections.body import bone_section, sigma_section
@@ -43,7 +43,7 @@ def _marks(recording: FinishedRecording) -> Section | None:
     """What happened at known times, as whoever recorded it has noted; None where nothing was."""
     if not recording.marks:
         return None
-    rows = tuple((Cell(mark.name), number(mark.time_s, 2)) for mark in recording.marks)
+    rows = tuple((TableCell(mark.name), number(mark.time_s, 2)) for mark in recording.marks)
     table = Table(("event", "time / s"), rows, identifier="marks" if len(rows) > _MANY_ROWS else "")
     drawn = "Vertical lines in the figures over time." if len(rows) <= _MAX_LINES else ""
     return Section("Events", "marks", [table], f"As noted in the table of events. {drawn}".rstrip())

@@ -8,7 +8,7 @@ import numpy as np
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile
-from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
+from fgpose.report.blocks import Block, Note, Section, Table, TableCell, number
 from fgpose.report.plots import lines
 from fgpose.report.sections.people import of_people
 from fgpose.trajectory import Trajectory
@@ -82,8 +82,8 @@ def _table(angles: JointAngles) -> Table:
         low, middle, high = (known_quantile(own_deg, q) for q in (0.025, 0.5, 0.975))
         share = float(np.mean(np.isfinite(own_deg)))
         rows.append((
-            Cell(name.replace("_", " ")), number(low), number(middle), number(high), number(high - low),
-            number(known_quantile(angles.sigma_deg[:, n], 0.5)), Cell(f"{100 * share:.0f} %", key=share),
+            TableCell(name.replace("_", " ")), number(low), number(middle), number(high), number(high - low),
+            number(known_quantile(angles.sigma_deg[:, n], 0.5)), TableCell(f"{100 * share:.0f} %", key=share),
         ))  # fmt: skip
     columns = ("angle", "2.5 % / °", "median / °", "97.5 % / °", "range / °", "sigma / °", "determined")
     return Table(columns, tuple(rows), "Angles")

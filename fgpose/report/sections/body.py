@@ -8,7 +8,7 @@ from jaxtyping import Float
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, quantile_of_frames, sigma_m
 from fgpose.diagnosis.solution_checks import sigma_ratio
-from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
+from fgpose.report.blocks import Block, Note, Section, Table, TableCell, number
 from fgpose.report.plots import heat_map, lines
 from fgpose.report.sections.people import of_everybody, of_people
 from fgpose.skeleton import Skeleton
@@ -61,11 +61,11 @@ def _sigma_table(recording: FinishedRecording) -> Table:
     usual_mm = known_quantile(sigma_mm, 0.5)
     rows = [
         (
-            Cell(joint),
+            TableCell(joint),
             number(known_quantile(sigma_mm[:, j], 0.5), worst=4 * usual_mm),
             number(known_quantile(sigma_mm[:, j], 0.95), worst=4 * usual_mm),
             number(known_quantile(sigma_mm[:, j], 1.0)),
-            Cell(f"{100 * np.mean(status[:, j] == 2):.1f} %", key=float(np.mean(status[:, j] == 2))),
+            TableCell(f"{100 * np.mean(status[:, j] == 2):.1f} %", key=float(np.mean(status[:, j] == 2))),
         )
         for j, joint in enumerate(recording.main.skeleton.joints)
     ]
@@ -115,7 +115,7 @@ def _bone_table(skeleton: Skeleton, lengths_mm: Float[np.ndarray, "frame bone"])
         is_pair = other != b
         name = skeleton.bone_name(bone)
         rows.append((
-            Cell(name.replace("left_", "") if is_pair else name), number(own_mm, 0),
+            TableCell(name.replace("left_", "") if is_pair else name), number(own_mm, 0),
             number(other_mm if is_pair else np.nan, 0),
             number(own_mm - other_mm if is_pair else np.nan, 1, worst=20.0),
             number(known_quantile(np.abs(lengths_mm[:, [b, other]] - [own_mm, other_mm]), 0.68)),

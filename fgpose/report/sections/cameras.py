@@ -7,9 +7,9 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, quantile_of_frames, root_m, together_px
-from fgpose.diagnosis.solution_checks import views_of
 from fgpose.geometry.camera import Camera
-from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent
+from fgpose.geometry.field_of_view import in_views
+from fgpose.report.blocks import Block, Note, Plot, Section, Table, TableCell, number, percent
 from fgpose.report.plots import COLOURS, Figure, colour_bar, gathered, heat_map, lines, models, plain_figure
 from fgpose.report.sections.people import of_everybody, of_people
 from fgpose.sampling import spread_evenly
@@ -94,7 +94,7 @@ def _covered(plot: Figure, recording: FinishedRecording) -> None:
     grid = np.empty((_CELLS, _CELLS, 3))
     grid[..., 0], grid[..., 1] = np.meshgrid(*(np.linspace(low[axis], high[axis], _CELLS) for axis in _PLAN))
     grid[..., 2] = known_quantile(ways_m[:, 2], 0.5)
-    views = views_of(grid.reshape(-1, 3), rig).reshape(_CELLS, _CELLS)
+    views = in_views(rig, grid.reshape(-1, 3)).sum(axis=1).astype(float).reshape(_CELLS, _CELLS)
     views[views < 1] = np.nan
     palette = [f"rgba(11, 110, 134, {0.08 + 0.5 * share:.2f})" for share in np.linspace(0, 1, rig.n_cameras)]
     mapper = models().LinearColorMapper(palette, low=0.5, high=rig.n_cameras + 0.5, nan_color="rgba(0, 0, 0, 0)")
@@ -178,7 +178,7 @@ def _per_camera(recording: FinishedRecording, residual_px: Float[np.ndarray, "fr
     for c, name in enumerate(recording.camera_names):
         own = np.full(0, np.nan) if judged is None else judged[:, c][np.isfinite(judged[:, c])]
         rows.append((
-            Cell(name), percent(float(np.isfinite(residual_px[:, c]).mean()), bad_below=0.5),
+            TableCell(name), percent(float(np.isfinite(residual_px[:, c]).mean()), bad_below=0.5),
             number(medians[c], worst=4 * known_quantile(np.array(medians), 0.5)),
             number(known_quantile(residual_px[:, c], 0.9)), percent(float(np.mean(own < 0.5)) if own.size else np.nan),
         ))  # fmt: skip
@@ -194,7 +194,7 @@ def _per_joint(recording: FinishedRecording, residual_px: Float[np.ndarray, "fra
     worst = 4 * known_quantile(medians, 0.5)
     rows = [
         (
-            Cell(joint),
+            TableCell(joint),
             *(number(value, worst=worst) for value in medians[j]),
             number(known_quantile(residual_px[:, :, j], 0.5)),
         )
@@ -239,8 +239,9 @@ def camera_section(recording: FinishedRecording) -> Section:
         clock = f"{offset_ms:+.1f}" + (f" ± {1000 * sigma_s:.1f}" if np.isfinite(sigma_s) else "")
         x_m, y_m, z_m = camera.position_m
         rows.append((
-            Cell(camera.name), Cell(f"{camera.size_px[0]} × {camera.size_px[1]}"), number(float(camera.K[0, 0]), 0),
-            number(x_m, 2), number(y_m, 2), number(z_m, 2), Cell(clock, key=offset_ms),
+            TableCell(camera.name), TableCell(f"{camera.size_px[0]} × {camera.size_px[1]}"),
+            number(float(camera.K[0, 0]), 0),
+            number(x_m, 2), number(y_m, 2), number(z_m, 2), TableCell(clock, key=offset_ms),
         ))  # fmt: skip
     columns = ("camera", "image / px", "focal length / px", "x / m", "y / m", "z / m", "clock / ms")
     hints = (*6 * ("",), "time offset: how much later than its time stamps say it takes its images, ± sigma")
@@ -256,7 +257,12 @@ def _verdict(recording: FinishedRecording) -> list[Block]:
     if not recording.findings:
         return [Note("No verdict: the cameras were not calibrated from the people of this recording.", is_missing=True)]
     rows = [
-        (Cell(finding.camera or "all"), Cell(finding.grade.value), Cell(finding.reason), Cell(finding.remedy))
+        (
+            TableCell(finding.camera or "all"),
+            TableCell(finding.grade.value),
+            TableCell(finding.reason),
+            TableCell(finding.remedy),
+        )
         for finding in recording.findings
     ]
     columns = ("camera", "verdict", "reason", "remedy")

@@ -14,7 +14,7 @@ from fgpose.diagnosis.series import known_quantile, sigma_m
 from fgpose.geometry.camera import Camera
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.sources import open_sources
-from fgpose.report.blocks import Block, Moment, Note, Picture, Section
+from fgpose.report.blocks import Block, JpegPicture, Note, PicturedMoment, Section
 from fgpose.sampling import nearest
 from fgpose.trajectory import Trajectory
 
@@ -126,7 +126,9 @@ def moment_section(recording: FinishedRecording) -> Section:
     else:
         shown = pictures(recording, moments)
     blocks += [
-        Moment(_title(recording, moment), f"{moment.reason[0].upper()}{moment.reason[1:]}.", shown.get(moment, ()))
+        PicturedMoment(
+            _title(recording, moment), f"{moment.reason[0].upper()}{moment.reason[1:]}.", shown.get(moment, ())
+        )
         for moment in moments
     ]
     intro = (
@@ -152,7 +154,9 @@ def _why_no_pictures(recording: FinishedRecording) -> str:
     return ""
 
 
-def pictures(recording: FinishedRecording, moments: Sequence[WorstMoment]) -> dict[WorstMoment, tuple[Picture, ...]]:
+def pictures(
+    recording: FinishedRecording, moments: Sequence[WorstMoment]
+) -> dict[WorstMoment, tuple[JpegPicture, ...]]:
     """One of each camera and moment; none of a camera whose video has ended.
 
     Raises:
@@ -162,7 +166,7 @@ def pictures(recording: FinishedRecording, moments: Sequence[WorstMoment]) -> di
     assert recording.rig is not None
     assert recording.videos is not None
     sources = open_sources(recording.videos, recording.rig, fps=recording.images_hz)
-    found: dict[WorstMoment, list[Picture]] = {moment: [] for moment in moments}
+    found: dict[WorstMoment, list[JpegPicture]] = {moment: [] for moment in moments}
     for c, (camera, clip) in enumerate(zip(sources.rig.cameras, sources.clips, strict=True)):
         times_s = np.array([moment.time_s + camera.time_offset_s for moment in moments])
         numbers = dict(zip(moments, _image_numbers(clip, times_s), strict=True))
@@ -181,7 +185,9 @@ def _image_numbers(clip: Clip, times_s: Float[np.ndarray, " moment"]) -> list[in
     return [n if there else None for n, there in zip(nearest(times_s, taken_s).tolist(), is_there, strict=True)]
 
 
-def _picture(recording: FinishedRecording, moment: WorstMoment, camera: Camera, c: int, image: np.ndarray) -> Picture:
+def _picture(
+    recording: FinishedRecording, moment: WorstMoment, camera: Camera, c: int, image: np.ndarray
+) -> JpegPicture:
     trajectory = recording.people[moment.person]
     joints_px = camera.distort(camera.project(trajectory.positions_m[moment.frame]))
     seen = recording.observations.get(moment.person)
@@ -201,7 +207,7 @@ def _picture(recording: FinishedRecording, moment: WorstMoment, camera: Camera, 
         note = f": {error_px:.0f} px" if np.isfinite(error_px) else f": {moment.joints[0]} not seen"
     called = recording.called(moment.person) or "the person"
     alt = f"Image of camera {camera.name} at {moment.time_s:.2f} s: {called}, with the skeleton of the result over it"
-    return Picture(_jpeg(cut), f"{camera.name}{note}", alt)
+    return JpegPicture(_jpeg(cut), f"{camera.name}{note}", alt)
 
 
 def _cut(

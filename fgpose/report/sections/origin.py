@@ -9,7 +9,7 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.config import Config, config_to_toml
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.io.origin import InputFile, Origin
-from fgpose.report.blocks import Block, Cell, Note, Section, Table, Text
+from fgpose.report.blocks import Block, Note, Section, Table, TableCell, Text
 
 
 def origin_section(recording: FinishedRecording) -> Section:
@@ -27,7 +27,7 @@ def origin_section(recording: FinishedRecording) -> Section:
             f"{ended}, {convergence.iterations} iterations, objective {convergence.initial_error:.4g} → "
             f"{convergence.final_error:.4g}"
         )
-    rows = tuple((Cell(name), Cell(value)) for name, value in facts.items())
+    rows = tuple((TableCell(name), TableCell(value)) for name, value in facts.items())
     blocks.append(Table(("what", "value"), rows, "Recording", numeric=(False, False)))
     if trajectory.config is None:
         blocks.append(Note("The settings were not stored with the result.", is_missing=True))

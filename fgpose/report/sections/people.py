@@ -8,7 +8,7 @@ import numpy as np
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
-from fgpose.report.blocks import Block, Cell, Note, OfPerson, Plot, Section, Table, number, percent
+from fgpose.report.blocks import Block, Note, OfPerson, Plot, Section, Table, TableCell, number, percent
 from fgpose.report.plots import COLOURS, MAX_COLUMNS, models, time_figure
 from fgpose.sampling import stretches
 from fgpose.trajectory import Trajectory
@@ -60,7 +60,12 @@ def people_section(recording: FinishedRecording) -> Section | None:
         blocks.append(Note(note, is_missing=True))
     if recording.events:
         rows = [
-            (number(event.time_s, 2), Cell(f"person {event.person}"), Cell(event.what), Cell(event.reason))
+            (
+                number(event.time_s, 2),
+                TableCell(f"person {event.person}"),
+                TableCell(event.what),
+                TableCell(event.reason),
+            )
             for event in recording.events[:_MAX_EVENTS]
         ]
         columns, numeric = ("time / s", "who", "what", "why"), (True, False, False, False)
@@ -107,7 +112,8 @@ def _table(recording: FinishedRecording) -> Table:
     for person, trajectory in recording.people.items():
         residual_px = np.full((1, 1), np.nan) if trajectory.residual_px is None else trajectory.residual_px
         rows.append((
-            Cell(f"person {person}"), number(float(trajectory.time_s[0]), 2), number(float(trajectory.time_s[-1]), 2),
+            TableCell(f"person {person}"), number(float(trajectory.time_s[0]), 2),
+            number(float(trajectory.time_s[-1]), 2),
             percent(float(trajectory.observed.mean()), bad_below=0.7), number(known_quantile(residual_px, 0.5)),
             number(1000 * known_quantile(sigma_m(trajectory), 0.5)),
         ))  # fmt: skip

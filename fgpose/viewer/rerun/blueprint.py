@@ -12,10 +12,11 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis, up_vector
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.recording import WALK, UpAxis
+from fgpose.viewer.recording import WALK
 from fgpose.viewer.rerun import palette, paths
-from fgpose.viewer.rerun.scene import up_vector, viewing_distance_m, viewing_target_m
+from fgpose.viewer.rerun.scene import viewing_distance_m, viewing_target_m
 
 # High enough to see the floor, low enough that nobody is foreshortened.
 _EYE_ELEVATION_RAD = math.radians(22)

@@ -9,14 +9,15 @@ import rerun as rr
 from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis, up_vector
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.pictures import PictureOptions
-from fgpose.viewer.recording import WALK, CalibrationRecording, CalibrationScene, UpAxis
+from fgpose.viewer.recording import WALK, CalibrationRecording, CalibrationScene
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.blueprint import calibration_blueprint
 from fgpose.viewer.rerun.recording import RerunRecording
 from fgpose.viewer.rerun.rows import Rows, scalar_rows
-from fgpose.viewer.rerun.scene import frustum_m, log_line, up_vector
+from fgpose.viewer.rerun.scene import frustum_m, log_line
 from fgpose.viewer.rerun.session import Target
 
 # Radius of the ball that holds 90 % of a Gaussian in three dimensions, in standard deviations of one axis.

@@ -12,13 +12,13 @@ from jaxtyping import Float, Int, UInt16
 
 from fgpose.association.recording import Association
 from fgpose.association.track import Tracked, TrackEvent, TrackState
-from fgpose.frame_matching import NO_IMAGE
+from fgpose.correspondences import NO_IMAGE, NOBODY
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.people_observations import NOBODY, Detections
+from fgpose.geometry.up_axis import UpAxis
+from fgpose.people_observations import Detections
 from fgpose.sampling import nearest
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
-from fgpose.viewer.recording import UpAxis
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import person_colour
 from fgpose.viewer.rerun.rows import Rows, change_rows, log_rows, scalar_rows
@@ -292,7 +292,7 @@ def _above(
     return middle_m + (highest_m + _LABEL_ABOVE_M - middle_m @ up[:, None]) * up
 
 
-def nobody(trajectory: Trajectory) -> Trajectory:
+def absent(trajectory: Trajectory) -> Trajectory:
     """One frame of the same person in which they are not there: nothing is known, and nothing is missing."""
     skeleton, n_joints = trajectory.skeleton, trajectory.skeleton.n_joints
     has_covariance, has_residuals = trajectory.covariance_m2 is not None, trajectory.residual_px is not None

@@ -12,20 +12,21 @@ from jaxtyping import Float, UInt8
 from fgpose.association.recording import Association
 from fgpose.association.track import Tracked, TrackEvent
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis, up_vector
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, Trajectory
 from fgpose.viewer.pictures import PictureOptions
-from fgpose.viewer.recording import Recording, UpAxis
+from fgpose.viewer.recording import Recording
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.blueprint import blueprint, people_blueprint
 from fgpose.viewer.rerun.people import (
     Presence,
+    absent,
     association_rows,
     log_people_scene,
     log_person_styles,
-    nobody,
     person_rows,
     presence_of_tracked,
     update_rows,
@@ -38,7 +39,6 @@ from fgpose.viewer.rerun.results import (
     trajectory_rows,
 )
 from fgpose.viewer.rerun.rows import scalar_rows
-from fgpose.viewer.rerun.scene import up_vector
 from fgpose.viewer.rerun.session import RerunSession, Target
 
 _EARLIER_THICKNESS = 0.5  # of all results but the last, which shall stand out
@@ -247,7 +247,7 @@ class RerunRecording(RerunSession, Recording):
             status = going_on[person].status if person in going_on else None
             self._send(person_rows(person, trajectory, self._rig, up_vector(self._up), status), time_s, first_frame)
             last_frame = first_frame + trajectory.n_frames - 1
-            self._last[person] = _Last(last_frame, trajectory.status[-1].copy(), nobody(trajectory))
+            self._last[person] = _Last(last_frame, trajectory.status[-1].copy(), absent(trajectory))
         self._end()
 
     def _introduce(self, people: Iterable[int]) -> None:

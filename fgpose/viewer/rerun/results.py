@@ -9,10 +9,10 @@ import rerun as rr
 from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
-from fgpose.viewer.recording import UpAxis
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import Colour, weight_colours
 from fgpose.viewer.rerun.rows import Rows, document_rows, point_rows, scalar_rows

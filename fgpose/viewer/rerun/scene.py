@@ -9,9 +9,9 @@ import rerun as rr
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
-from fgpose.viewer.recording import UpAxis
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import Colour, faded
 from fgpose.viewer.rerun.rows import Rows, bone_rows, ellipsoid_rows, point_rows, status_rows
@@ -44,11 +44,6 @@ def log_cameras(stream: rr.RecordingStream, rig: CameraRig, up: UpAxis, colours:
 def frustum_m(rig: CameraRig) -> float:
     """How far the frusta of cameras reach."""
     return _FRUSTUM_SHARE * viewing_distance_m(rig)
-
-
-def up_vector(up: UpAxis) -> Float[np.ndarray, " 3"]:
-    """Of length 1."""
-    return (1.0 if up[0] == "+" else -1.0) * np.eye(3)["xyz".index(up[1])]
 
 
 def viewing_target_m(rig: CameraRig) -> Float[np.ndarray, " 3"]:

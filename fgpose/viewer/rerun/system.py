@@ -10,9 +10,10 @@ import rerun as rr
 from jaxtyping import UInt8
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.pictures import CameraPictures, PictureOptions
-from fgpose.viewer.recording import CameraSaid, Moment, SystemRecording, UpAxis
+from fgpose.viewer.recording import CameraSaid, SystemRecording, SystemState
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.blueprint import people_blueprint
 from fgpose.viewer.rerun.recording import RerunRecording
@@ -42,7 +43,7 @@ class RerunSystemRecording(RerunRecording, SystemRecording):
         log_line(self._open_stream, paths.DELAY_MS, "delay", palette.PLAIN)
         log_line(self._open_stream, paths.OBSERVED, "observed", palette.PLAIN)
 
-    def log_moment(self, moment: Moment) -> None:
+    def log_moment(self, moment: SystemState) -> None:
         self._rig.subset(moment.cameras)
         self._check_images(self._n_moments, moment.images)
         frame, self._n_moments = self._n_moments, self._n_moments + 1
@@ -73,7 +74,9 @@ class RerunSystemRecording(RerunRecording, SystemRecording):
         return self._said.get(camera, _UNKNOWN).is_silent
 
 
-def _system_rows(moment: Moment, changed: Mapping[str, CameraSaid], before: Mapping[str, CameraSaid]) -> Iterator[Rows]:
+def _system_rows(
+    moment: SystemState, changed: Mapping[str, CameraSaid], before: Mapping[str, CameraSaid]
+) -> Iterator[Rows]:
     """States of cameras that have changed, and plots."""
     for name, said in changed.items():
         state = before.get(name, _UNKNOWN).state

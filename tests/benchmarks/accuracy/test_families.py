@@ -11,7 +11,7 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose_benchmarks.accuracy.families import VARIANTS, Variant, family_of
 from fgpose_benchmarks.accuracy.methods import ORACLE, OURS, PER_FRAME, methods_for
 from fgpose_benchmarks.accuracy.variants import TEST_CLIPS, TUNING_CLIPS, find_variant, record
-from fgpose_benchmarks.comparison.recording import Recording
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.synthetic import NO_NOISE, DetectionNoise, Occlusion
 from fgpose_benchmarks.synthetic.real_errors import HIDDEN_M, real_blocks
 
@@ -20,15 +20,15 @@ SKELETON = load_skeleton("h36m_17")
 OTHERS = [variant for variant in VARIANTS if variant.family != "standard"]
 
 
-def true_px(recording: Recording) -> np.ndarray:
+def true_px(recording: BenchmarkRecording) -> np.ndarray:
     return recording.rig.project(recording.truth_m)
 
 
-def error_px(recording: Recording) -> np.ndarray:
+def error_px(recording: BenchmarkRecording) -> np.ndarray:
     return recording.observations.points2d_px - true_px(recording)
 
 
-def error_m(recording: Recording) -> np.ndarray:
+def error_m(recording: BenchmarkRecording) -> np.ndarray:
     """In the image, at the depth of the joint."""
     cameras = recording.rig.cameras
     depth_m = np.stack([camera.to_camera_frame(recording.truth_m)[..., 2] for camera in cameras], axis=1)
@@ -41,7 +41,7 @@ def chance_to_rate_higher(better: np.ndarray, worse: np.ndarray) -> float:
     return float(np.mean(np.quantile(better, grid)[:, None] > np.quantile(worse, grid)))
 
 
-def informed(recording: Recording, joints: list[int]) -> float:
+def informed(recording: BenchmarkRecording, joints: list[int]) -> float:
     confidence, seen = recording.observations.confidence[..., joints], recording.observations.seen[..., joints]
     occluded = recording.occluded[..., joints]
     return chance_to_rate_higher(confidence[seen & ~occluded], confidence[seen & occluded])

@@ -11,7 +11,7 @@ from fgpose.config import Config, OnlineConfig
 from fgpose.estimation.estimator import Estimator
 from fgpose_benchmarks.accuracy.methods import LINEAR, ORACLE, OURS, PER_FRAME, find_methods, methods
 from fgpose_benchmarks.accuracy.variants import find_variant, record
-from fgpose_benchmarks.comparison.recording import Method, Recording, Result
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording, Method, MethodResult
 from fgpose_benchmarks.synthetic import NO_NOISE
 
 CLIP = "cmu_02_05"
@@ -20,28 +20,28 @@ NEARLY_PERFECT = replace(NO_NOISE, sigma_px=0.1)
 """0.1 px are 0.4 mm at 4.5 m."""
 
 
-def solved(name: str, recording: Recording) -> Result:
+def solved(name: str, recording: BenchmarkRecording) -> MethodResult:
     (method,) = find_methods([name], ALL)
     return method.solve(recording)
 
 
-def error_mm(result: Result, recording: Recording) -> float:
+def error_mm(result: MethodResult, recording: BenchmarkRecording) -> float:
     return 1000 * mpjpe_m(result.positions_m, recording.truth_m)
 
 
 @pytest.fixture(scope="module")
-def perfect() -> Recording:
+def perfect() -> BenchmarkRecording:
     return record(replace(find_variant("clean"), noise=NEARLY_PERFECT), CLIP, 15)
 
 
 @pytest.fixture(scope="module")
-def lost() -> Recording:
+def lost() -> BenchmarkRecording:
     """A third of the time one of two occluded cameras is away."""
     return record(replace(find_variant("occluded_2_cameras"), lost=True), CLIP, 15)
 
 
 @pytest.mark.parametrize("method", ALL, ids=lambda method: method.name)
-def test_perfect_detections_give_the_truth(method: Method, perfect: Recording):
+def test_perfect_detections_give_the_truth(method: Method, perfect: BenchmarkRecording):
     result = method.solve(perfect)
     # Each frame alone: the noise, and the weak priors of the optimisers. Over time, motion that is not at constant
     # velocity or below 6 Hz is lost: a few mm in punches.
@@ -53,7 +53,7 @@ def test_perfect_detections_give_the_truth(method: Method, perfect: Recording):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ALL, ids=lambda method: method.name)
-def test_each_takes_what_is_left(method: Method, lost: Recording):
+def test_each_takes_what_is_left(method: Method, lost: BenchmarkRecording):
     result = method.solve(lost)
     assert result.positions_m.shape == lost.truth_m.shape
     known = np.isfinite(result.positions_m).all(axis=-1)
@@ -72,7 +72,7 @@ def test_those_that_state_a_covariance():
     assert stating == {"fgpose online, lag 0", *batches, "oracle"}
 
 
-def test_one_view_and_the_mean_of_views(lost: Recording):
+def test_one_view_and_the_mean_of_views(lost: BenchmarkRecording):
     views_m = lost.observations.points3d_m
     assert views_m is not None
     np.testing.assert_array_equal(solved("one view", lost).positions_m, views_m[:, 0])

@@ -14,7 +14,7 @@ from fgpose_benchmarks.accuracy.variants import (
     record,
     recordings,
 )
-from fgpose_benchmarks.comparison.recording import Recording
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.synthetic import NO_NOISE
 
 CLIP = "cmu_02_05"
@@ -24,7 +24,7 @@ def noise_free(name: str) -> Variant:
     return replace(find_variant(name), noise=NO_NOISE)
 
 
-def offset_frames(recording: Recording, camera: int) -> float:
+def offset_frames(recording: BenchmarkRecording, camera: int) -> float:
     """By how many frames a noise-free camera is late: least squares on how its image of the truth changes."""
     true_px = recording.true_rig.cameras[camera].project(recording.truth_m)
     seen_px = recording.observations.points2d_px[:, camera]
@@ -117,7 +117,7 @@ def test_the_truth_is_at_the_times_of_the_first_camera():
         np.testing.assert_allclose(seen_px, recording.true_rig.cameras[0].project(recording.truth_m), atol=1e-6)
 
 
-def bumped_camera(recording: Recording) -> int:
+def bumped_camera(recording: BenchmarkRecording) -> int:
     moved = np.array(
         [
             not np.array_equal(true.world_T_camera, old.world_T_camera)

@@ -15,11 +15,11 @@ from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.calibration import real
 from fgpose_benchmarks.calibration.baselines import five_point, procrustes
 from fgpose_benchmarks.calibration.real import REAL, WEBCAM, record_real
-from fgpose_benchmarks.calibration.recording import CalibrationRecording
+from fgpose_benchmarks.calibration.recording import KnownRigRecording
 from fgpose_benchmarks.calibration.variants import TEST_CLIPS, VARIANTS, find_variant, record, recordings
-from fgpose_benchmarks.synthetic import NO_CROWD_ERRORS, NO_NOISE, STUDIOS, Clocks, Network
+from fgpose_benchmarks.synthetic import NO_CROWD_ERRORS, NO_NOISE, STUDIOS, SimulatedClocks, SimulatedNetwork
 
-EXACT = Network(
+EXACT = SimulatedNetwork(
     noise=NO_NOISE,
     min_bias_m=0.0,
     max_bias_m=0.0,
@@ -32,19 +32,19 @@ VARIANT = replace(find_variant("walk_ring_4"), duration_s=2.0, network=EXACT)
 
 
 @pytest.fixture(scope="module")
-def exact() -> CalibrationRecording:
+def exact() -> KnownRigRecording:
     return record(VARIANT, "test_1")
 
 
 @pytest.fixture(scope="module")
-def apart() -> CalibrationRecording:
-    clocks = Clocks(fps=(30.0, 50.0), max_start_s=1.0, min_drift_ppm=43.0, max_drift_ppm=145.0)
+def apart() -> KnownRigRecording:
+    clocks = SimulatedClocks(fps=(30.0, 50.0), max_start_s=1.0, min_drift_ppm=43.0, max_drift_ppm=145.0)
     return record(replace(VARIANT, clocks=clocks), "test_1")
 
 
 @pytest.mark.parametrize("clocks", ["exact", "apart"])
 def test_what_baselines_are_told_is_the_walker(clocks: str, request: pytest.FixtureRequest):
-    recording: CalibrationRecording = request.getfixturevalue(clocks)
+    recording: KnownRigRecording = request.getfixturevalue(clocks)
     walk, scene = recording.told, recording.scene
     assert scene is not None
     for c, camera in enumerate(recording.rig.cameras):
@@ -58,7 +58,7 @@ def test_what_baselines_are_told_is_the_walker(clocks: str, request: pytest.Fixt
     np.testing.assert_allclose(scene.joints_m(walk.time_s), recording.joints_m)
 
 
-def test_times_of_a_camera_are_by_its_own_clock(apart: CalibrationRecording):
+def test_times_of_a_camera_are_by_its_own_clock(apart: KnownRigRecording):
     assert not apart.given.synchronised
     offsets_s = apart.on_time_s - apart.image_s
     # Constant but for the drift: at most 290 ppm of 3 s.
@@ -71,7 +71,7 @@ def test_baselines_find_the_rig_of_an_exact_recording(
     solve: Callable[[Walk, CameraRig], CameraRig],
     position_m: float,
     rotation_deg: float,
-    exact: CalibrationRecording,
+    exact: KnownRigRecording,
 ):
     # Procrustes is exact but for the undistortion; RANSAC ends at the best of its samples, not at an optimum.
     rig = solve(exact.told, exact.intrinsics)
@@ -80,7 +80,7 @@ def test_baselines_find_the_rig_of_an_exact_recording(
     np.testing.assert_allclose(rig.cameras[0].world_T_camera, np.eye(4), atol=1e-12)
 
 
-def test_baselines_say_what_they_lack(exact: CalibrationRecording):
+def test_baselines_say_what_they_lack(exact: KnownRigRecording):
     with pytest.raises(ValueError, match="Procrustes needs per-view 3D joints"):
         procrustes(replace(exact.told, points3d_m=None), exact.intrinsics)
     nothing = replace(exact.told, points2d_px=np.full_like(exact.told.points2d_px, np.nan))

@@ -14,13 +14,13 @@ from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Cali
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.calibration.figures import FIGURES, group_of
-from fgpose_benchmarks.calibration.methods import ABLATIONS, METHODS, Chain
-from fgpose_benchmarks.calibration.recording import CalibrationRecording, CalibrationResult
+from fgpose_benchmarks.calibration.methods import ABLATIONS, METHODS, CalibrationChain
+from fgpose_benchmarks.calibration.recording import CalibrationResult, KnownRigRecording
 from fgpose_benchmarks.calibration.report import write_report
 from fgpose_benchmarks.calibration.scores import MOST_SIGMAS, CalibrationScore, score_calibration
 from fgpose_benchmarks.calibration.variants import find_variant, record
 from fgpose_benchmarks.comparison.scores import load_scores, save_scores
-from fgpose_benchmarks.synthetic import Clocks
+from fgpose_benchmarks.synthetic import SimulatedClocks
 from tests.wrong_rigs import in_another_world, turned
 
 OURS = METHODS[-1]
@@ -28,13 +28,13 @@ SHORT = replace(find_variant("walk_ring_4"), duration_s=2.0)
 
 
 @pytest.fixture(scope="module")
-def recording() -> CalibrationRecording:
+def recording() -> KnownRigRecording:
     return record(SHORT, "test_1")
 
 
 @pytest.fixture(scope="module")
-def apart() -> CalibrationRecording:
-    return record(replace(SHORT, clocks=Clocks(max_start_s=1.0)), "test_1")
+def apart() -> KnownRigRecording:
+    return record(replace(SHORT, clocks=SimulatedClocks(max_start_s=1.0)), "test_1")
 
 
 def stated(n_cameras: int, position_m: float = 0.02, direction_deg: float = 0.3) -> CameraSigmas:
@@ -52,7 +52,7 @@ def elsewhere(rig: CameraRig, scale: float = 1.0, tilt_deg: float = 0.0) -> Came
     return in_another_world(rig, scale, R, scale * R @ [1.0, -2.0, 0.0])
 
 
-def test_the_true_rig_in_its_own_world_is_perfect(recording: CalibrationRecording):
+def test_the_true_rig_in_its_own_world_is_perfect(recording: KnownRigRecording):
     scored = score_calibration(recording, result(elsewhere(recording.rig), stated(4)), OURS)
     assert max(scored.position_mm) < 1e-6
     assert max(scored.rotation_deg) < 1e-5
@@ -66,7 +66,7 @@ def test_the_true_rig_in_its_own_world_is_perfect(recording: CalibrationRecordin
     assert not scored.has_failed
 
 
-def test_a_wrong_size_shows_in_what_is_metric_alone(recording: CalibrationRecording):
+def test_a_wrong_size_shows_in_what_is_metric_alone(recording: KnownRigRecording):
     scored = score_calibration(recording, result(elsewhere(recording.rig, 1.1, 2.0)), OURS)
     assert scored.scale_percent == pytest.approx(10.0)
     assert scored.vertical_deg == pytest.approx(2.0)
@@ -76,7 +76,7 @@ def test_a_wrong_size_shows_in_what_is_metric_alone(recording: CalibrationRecord
     assert scored.position_sigmas == ()
 
 
-def test_a_turned_camera_is_a_failure_beyond_five_degrees(recording: CalibrationRecording):
+def test_a_turned_camera_is_a_failure_beyond_five_degrees(recording: KnownRigRecording):
     right, between, failed = (
         score_calibration(recording, result(turned(recording.rig, 1, angle), stated(4)), OURS)
         for angle in (1.0, 3.0, 6.0)
@@ -90,7 +90,7 @@ def test_a_turned_camera_is_a_failure_beyond_five_degrees(recording: Calibration
     assert failed.ratio > 1.0
 
 
-def test_starts_count_in_frames_of_the_slowest_camera(apart: CalibrationRecording):
+def test_starts_count_in_frames_of_the_slowest_camera(apart: KnownRigRecording):
     off_s = np.array([0.0, 0.01, -0.02, 0.4])
     rig = apart.rig.with_time_offsets(apart.rig.time_offsets_s + off_s + 5.0)
     scored = score_calibration(apart, result(rig, stated(4)), OURS)
@@ -103,7 +103,7 @@ def test_starts_count_in_frames_of_the_slowest_camera(apart: CalibrationRecordin
     assert true.ratio == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_camera_that_is_left_out_has_no_start(apart: CalibrationRecording):
+def test_a_camera_that_is_left_out_has_no_start(apart: KnownRigRecording):
     scored = score_calibration(apart, result(apart.rig.subset(("cam_1", "cam_2", "cam_4")), stated(3)), OURS)
     assert scored.right_peak == (1.0, 1.0, 0.0)
     assert len(scored.position_mm) == 3
@@ -120,13 +120,13 @@ def test_focal_lengths_count_where_they_were_unknown():
     assert scored.focal_sigmas == pytest.approx((2.0,) * 4)
 
 
-def calibrated(rig: CameraRig, recording: CalibrationRecording, *findings: CalibrationFinding) -> CalibratedFromPeople:
+def calibrated(rig: CameraRig, recording: KnownRigRecording, *findings: CalibrationFinding) -> CalibratedFromPeople:
     residual_px = np.zeros(recording.told.confidence.shape)
     joints_m = recording.joints_m
     return CalibratedFromPeople(rig, stated(4), recording.told, joints_m, residual_px, findings, "stature 1.78 m")
 
 
-def test_the_chain_is_given_what_a_user_gives(recording: CalibrationRecording):
+def test_the_chain_is_given_what_a_user_gives(recording: KnownRigRecording):
     seen: dict[str, object] = {}
 
     def stand_in(people: PeopleObservations, intrinsics: CameraRig, **given: object) -> CalibratedFromPeople:
@@ -135,7 +135,7 @@ def test_the_chain_is_given_what_a_user_gives(recording: CalibrationRecording):
             recording.rig, recording, CalibrationFinding("cam_2", Grade.COARSE, "seen on one line", "walk across")
         )
 
-    found = Chain(Parts(bias=False), stand_in)(recording)
+    found = CalibrationChain(Parts(bias=False), stand_in)(recording)
     assert seen == {
         "people": recording.people,
         "intrinsics": recording.intrinsics,
@@ -149,11 +149,11 @@ def test_the_chain_is_given_what_a_user_gives(recording: CalibrationRecording):
     assert score_calibration(recording, found, OURS).is_right
 
 
-def test_a_chain_that_refuses_has_failed(recording: CalibrationRecording):
+def test_a_chain_that_refuses_has_failed(recording: KnownRigRecording):
     def stand_in(*_: object, **__: object) -> CalibratedFromPeople:
         raise ValueError("one camera")
 
-    found = Chain(calibrate=stand_in)(recording)
+    found = CalibrationChain(calibrate=stand_in)(recording)
     scored = score_calibration(recording, found, OURS)
     assert (scored.outcome, scored.reasons, scored.position_mm) == ("failed", ("one camera",), ())
     assert scored.has_failed

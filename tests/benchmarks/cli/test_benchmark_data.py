@@ -17,7 +17,7 @@ from fgpose.observations import Observations
 from fgpose.trajectory import Status, Trajectory
 from fgpose_benchmarks.cli.data import Human36M, OccludeImages, Workcell
 from fgpose_benchmarks.human36m.labels import image_path, load_labels
-from fgpose_benchmarks.human36m.predictions import Prediction, load_predictions, save_predictions
+from fgpose_benchmarks.human36m.predictions import SequencePrediction, load_predictions, save_predictions
 from tests.benchmarks.human36m.human36m_files import (
     h36m_rig,
     labels,
@@ -43,7 +43,7 @@ def labels_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def write_predictions(path: Path, error_m: float) -> Path:
     truth_m = {key: truth_of(motion_of_32(len(frames))) for key, frames in ACTIONS.items()}
     moved = {
-        key: Prediction(ACTIONS[key], positions_m + np.array([error_m, 0.0, 0.0]))
+        key: SequencePrediction(ACTIONS[key], positions_m + np.array([error_m, 0.0, 0.0]))
         for key, positions_m in truth_m.items()
     }
     save_predictions(moved, path)

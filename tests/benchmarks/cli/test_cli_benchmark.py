@@ -11,7 +11,7 @@ import tyro
 from fgpose_benchmarks.accuracy.variants import Variant
 from fgpose_benchmarks.cli import benchmark
 from fgpose_benchmarks.cli.benchmark import Benchmark, Open, Report
-from fgpose_benchmarks.comparison.recording import Method, Recording
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording, Method
 from fgpose_benchmarks.comparison.scores import Score, load_scores
 
 
@@ -139,7 +139,7 @@ def test_quick_leaves_out_the_slowest_method_unless_it_is_named():
 def test_the_other_families_run_few_methods_unless_more_are_named(folder, monkeypatch):
     asked: list[tuple[list[str], list[str]]] = []
 
-    def nothing(_: object, recordings: Iterable[Recording], methods: list[Method], *__: object) -> list[Score]:
+    def nothing(_: object, recordings: Iterable[BenchmarkRecording], methods: list[Method], *__: object) -> list[Score]:
         names = sorted({recording.variant for recording in recordings})
         asked.append((names, [method.name for method in methods]))
         return []

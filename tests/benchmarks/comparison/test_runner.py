@@ -16,7 +16,7 @@ from fgpose_benchmarks.accuracy.methods import find_methods, methods
 from fgpose_benchmarks.accuracy.open_benchmark import OPEN
 from fgpose_benchmarks.accuracy.variants import TUNING_CLIPS, find_variant, record, recordings
 from fgpose_benchmarks.comparison import runner
-from fgpose_benchmarks.comparison.recording import Method, Recording, Result
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording, Method, MethodResult
 from fgpose_benchmarks.comparison.scores import Score
 
 N_FRAMES = 6
@@ -29,7 +29,7 @@ def _nothing_is_warm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def three() -> list[Recording]:
+def three() -> list[BenchmarkRecording]:
     return list(recordings([find_variant("clean")], TUNING_CLIPS[:3], N_FRAMES))
 
 
@@ -40,10 +40,10 @@ class Counting:
     error_m: float
     n_solved: Counter[str] = field(default_factory=Counter)
 
-    def __call__(self, recording: Recording) -> Result:
+    def __call__(self, recording: BenchmarkRecording) -> MethodResult:
         if len(recording.truth_m) == N_FRAMES:  # not the warm-up
             self.n_solved[recording.clip] += 1
-        return Result(recording.truth_m + np.array([self.error_m, 0.0, 0.0]), None, 0.1)
+        return MethodResult(recording.truth_m + np.array([self.error_m, 0.0, 0.0]), None, 0.1)
 
 
 def counting(*errors_m: float) -> tuple[list[Method], list[Counting]]:
@@ -51,7 +51,7 @@ def counting(*errors_m: float) -> tuple[list[Method], list[Counting]]:
     return [Method(f"off by {solver.error_m}", "ours", solver) for solver in solvers], solvers
 
 
-def end_worker(recording: Recording) -> Result:
+def end_worker(recording: BenchmarkRecording) -> MethodResult:
     os._exit(1)
 
 
@@ -154,9 +154,9 @@ def test_a_change_of_the_solver_concerns_all_but_the_peer(three, tmp_path, monke
 def test_the_first_solve_of_a_method_is_not_timed(three):
     frames: list[int] = []
 
-    def solve(recording: Recording) -> Result:
+    def solve(recording: BenchmarkRecording) -> MethodResult:
         frames.append(len(recording.truth_m))
-        return Result(recording.truth_m, None, 0.1)
+        return MethodResult(recording.truth_m, None, 0.1)
 
     run(three, [Method("slow to start", "ours", solve)], None, n_workers=0)
     assert frames == [15, N_FRAMES, N_FRAMES, N_FRAMES]
@@ -167,7 +167,7 @@ def test_the_first_solve_of_a_method_is_not_timed(three):
 
 
 def test_a_refusal_names_method_and_recording(three):
-    def refuse(recording: Recording) -> Result:
+    def refuse(recording: BenchmarkRecording) -> MethodResult:
         raise ValueError("no thanks")
 
     with pytest.raises(ValueError, match=r"^picky, cmu_01_04_a \(clean\): no thanks$"):
@@ -184,7 +184,7 @@ def test_recordings_are_taken_one_by_one():
     made: list[str] = []
     told: list[Score] = []
 
-    def lazily() -> Iterator[Recording]:
+    def lazily() -> Iterator[BenchmarkRecording]:
         for clip in TUNING_CLIPS[:3]:
             # All that was made before has been solved by now.
             assert len(told) >= len(made) - 1

@@ -7,11 +7,11 @@ import pytest
 from jaxtyping import Float
 
 from fgpose_benchmarks.accuracy.variants import find_variant, record
-from fgpose_benchmarks.comparison.recording import Method, Recording, Result
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording, Method, MethodResult
 from fgpose_benchmarks.comparison.scores import COVERAGE_LEVELS, Score, load_scores, save_scores, score
 
 
-def nothing(recording: Recording) -> Result:
+def nothing(recording: BenchmarkRecording) -> MethodResult:
     raise AssertionError
 
 
@@ -19,15 +19,17 @@ METHOD = Method("some method", "ours", nothing)
 
 
 @pytest.fixture(scope="module")
-def recording() -> Recording:
+def recording() -> BenchmarkRecording:
     return record(find_variant("occluded"), "cmu_02_05", 200)
 
 
-def scored(recording: Recording, error_m: np.ndarray, covariance_m2: np.ndarray | None = None, **more) -> Score:
-    return score(recording, Result(recording.truth_m + error_m, covariance_m2, 0.5, **more), METHOD)
+def scored(
+    recording: BenchmarkRecording, error_m: np.ndarray, covariance_m2: np.ndarray | None = None, **more
+) -> Score:
+    return score(recording, MethodResult(recording.truth_m + error_m, covariance_m2, 0.5, **more), METHOD)
 
 
-def errors(recording: Recording, sigma_m: Float[np.ndarray, " axis"]) -> np.ndarray:
+def errors(recording: BenchmarkRecording, sigma_m: Float[np.ndarray, " axis"]) -> np.ndarray:
     return sigma_m * np.random.default_rng(1).standard_normal(recording.truth_m.shape)
 
 
@@ -128,7 +130,7 @@ def test_the_worst_time_offset_counts(recording):
 
 
 def test_a_result_of_another_shape_is_refused(recording):
-    result = Result(recording.truth_m[:-1], None, 0.1)
+    result = MethodResult(recording.truth_m[:-1], None, 0.1)
     with pytest.raises(ValueError, match=r"some method gave \(199, 17, 3\) for cmu_02_05 \(occluded\)"):
         score(recording, result, METHOD)
 

@@ -14,7 +14,7 @@ from fgpose.diagnosis.diagnose import diagnose
 from fgpose.finding import Severity
 from fgpose_benchmarks.faults.benchmark import DAMAGES, find_damages, run
 from fgpose_benchmarks.faults.damage import Damage, Damaged
-from fgpose_benchmarks.faults.outcome import UNDAMAGED, Outcome, outcome_of
+from fgpose_benchmarks.faults.outcome import UNDAMAGED, DamageOutcome, outcome_of
 from fgpose_benchmarks.faults.real import real_takes
 from fgpose_benchmarks.faults.report import write_report
 from fgpose_benchmarks.faults.take import CLIPS, Take, takes
@@ -84,10 +84,10 @@ def test_following_the_advice_mends_lost_frames() -> None:
 
 
 def test_the_report_counts(tmp_path: Path) -> None:
-    def outcome(damage: str, **values: Any) -> Outcome:
+    def outcome(damage: str, **values: Any) -> DamageOutcome:
         given = {"said": True, "right": True, "error_mm": 90.0, "found": ("wrong:unit:",)} | values
         given |= {"undamaged_mm": 30.0, "undamaged_inside": 0.98, "inside": 0.95}
-        return Outcome(damage, "clip", "4 cameras", followed_mm=33.0, attainable_mm=30.0, **given)
+        return DamageOutcome(damage, "clip", "4 cameras", followed_mm=33.0, attainable_mm=30.0, **given)
 
     outcomes = [
         outcome(UNDAMAGED, error_mm=30.0, said=False, right=False),

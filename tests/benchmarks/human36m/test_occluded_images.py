@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fgpose_benchmarks.human36m.cutouts import read_image
-from fgpose_benchmarks.human36m.occluded_images import View, generate, protocol_frames
+from fgpose_benchmarks.human36m.occluded_images import OccludedView, generate, protocol_frames
 from tests.benchmarks.human36m.human36m_files import sequence
 
 GREY = 90
@@ -25,14 +25,14 @@ CUTOUTS = {"wide": opaque(8, 4), "tall": opaque(3, 9), "square": opaque(5, 5)}
 BOX_PX = np.array([60.0, 40.0, 50.0, 120.0])
 
 
-def views(folder: Path, n_frames: int, n_views: int = 4) -> list[list[View]]:
+def views(folder: Path, n_frames: int, n_views: int = 4) -> list[list[OccludedView]]:
     frames = []
     for frame in range(n_frames):
         names = [f"{view}/img_{frame + 1:06d}.png" for view in range(n_views)]
         for name in names:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(folder / name), np.full((200, 180, 3), GREY, np.uint8))
-        frames.append([View(folder / name, BOX_PX, name) for name in names])
+        frames.append([OccludedView(folder / name, BOX_PX, name) for name in names])
     return frames
 
 
@@ -138,7 +138,7 @@ def test_what_is_wrong_is_said_before_anything_is_written(tmp_path: Path):
         generate(frames, CUTOUTS, tmp_path / "in")
     with pytest.raises(ValueError, match="two images have one name"):
         generate([*frames, frames[0]], CUTOUTS, output)
-    empty = View(frames[0][0].image, np.array([0.0, 0.0, 0.0, 5.0]), "other.png")
+    empty = OccludedView(frames[0][0].image, np.array([0.0, 0.0, 0.0, 5.0]), "other.png")
     with pytest.raises(ValueError, match="the box of the person is empty"):
         generate([[empty]], CUTOUTS, output)
     frames[1][3].image.unlink()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fgpose.io.skeletons import load_skeleton
-from fgpose_benchmarks.human36m.predictions import Prediction, load_predictions, save_predictions
+from fgpose_benchmarks.human36m.predictions import SequencePrediction, load_predictions, save_predictions
 
 RNG = np.random.default_rng(0)
 POSES_M = RNG.normal(0.0, 1.0, (5, 17, 3))
@@ -65,8 +65,8 @@ def test_joints_may_come_in_the_order_of_learnable_triangulation(tmp_path: Path)
 
 def test_what_is_saved_comes_back(tmp_path: Path):
     predictions = {
-        ("S9", "Eating-1"): Prediction(np.array([0, 5]), POSES_M[:2]),
-        ("S11", "Posing-1"): Prediction(np.array([3]), np.full((1, 17, 3), np.nan)),
+        ("S9", "Eating-1"): SequencePrediction(np.array([0, 5]), POSES_M[:2]),
+        ("S11", "Posing-1"): SequencePrediction(np.array([3]), np.full((1, 17, 3), np.nan)),
     }
     save_predictions(predictions, tmp_path / "mine.npz")
     loaded = load_predictions(tmp_path / "mine.npz")

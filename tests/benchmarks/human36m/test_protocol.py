@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 
 from fgpose_benchmarks.human36m.labels import PoseSequence, SequenceKey
-from fgpose_benchmarks.human36m.predictions import Prediction
+from fgpose_benchmarks.human36m.predictions import SequencePrediction
 from fgpose_benchmarks.human36m.protocol import ACTIONS, DAMAGED, evaluate, scored_frames, to_markdown
 from tests.benchmarks.human36m.human36m_files import sequence
 
 
-def predicted(sequences: list[PoseSequence], shift_m: dict[SequenceKey, float]) -> dict[SequenceKey, Prediction]:
+def predicted(
+    sequences: list[PoseSequence], shift_m: dict[SequenceKey, float]
+) -> dict[SequenceKey, SequencePrediction]:
     """The truth, moved as a whole by so much, and the left wrist once more by 34 mm."""
     predictions = {}
     for each in sequences:
         positions_m = each.truth_m + np.array([shift_m.get(each.key, 0.0), 0.0, 0.0])
         positions_m[:, 13, 1] += 0.034
-        predictions[each.key] = Prediction(each.frames, positions_m)
+        predictions[each.key] = SequencePrediction(each.frames, positions_m)
     return predictions
 
 
@@ -75,7 +77,7 @@ def test_missing_predictions_are_refused_or_stated(sequences: list[PoseSequence]
     predictions = predicted(sequences, {})
     del predictions["S9", "Greeting-1"]
     eating = predictions["S9", "Eating-2"]
-    predictions["S9", "Eating-2"] = Prediction(eating.frames[100:], eating.positions_m[100:])
+    predictions["S9", "Eating-2"] = SequencePrediction(eating.frames[100:], eating.positions_m[100:])
     with pytest.raises(ValueError, match="S9/Eating-2 lacks 2 of 4 frames; S9/Greeting-1 lacks 1 of 1 frames"):
         evaluate(sequences, predictions)
     score = evaluate(sequences, predictions, allow_missing=True)
@@ -90,7 +92,7 @@ def test_joints_that_a_method_does_not_give_are_stated(sequences: list[PoseSeque
     predictions = predicted(sequences, {})
     positions_m = predictions["S9", "Eating-1"].positions_m.copy()
     positions_m[0, 3] = np.nan
-    predictions["S9", "Eating-1"] = Prediction(np.arange(65), positions_m)
+    predictions["S9", "Eating-1"] = SequencePrediction(np.arange(65), positions_m)
     assert evaluate(sequences, predictions).share_missing == pytest.approx(1 / (9 * 17))
 
 

@@ -10,8 +10,9 @@ from fgpose.association import matching
 from fgpose.association.matching import hand_over
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.recording import associate
+from fgpose.correspondences import NOBODY
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people_observations import NOBODY, Detections
+from fgpose.people_observations import Detections
 from fgpose.trajectory import Trajectory
 from fgpose_benchmarks.accuracy.methods import find_methods
 from fgpose_benchmarks.people.ablation import ablations, fixed_gates, no_hand_over

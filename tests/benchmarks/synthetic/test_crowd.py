@@ -13,13 +13,13 @@ from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import (
     NO_CROWD_ERRORS,
     NO_NOISE,
-    Box,
     CameraTimes,
     CrowdErrors,
     CrowdMotion,
     CrowdPlan,
     CrowdScene,
     DetectionNoise,
+    Furniture,
     Occlusion,
     crowd_motion,
     motion_from_npz,
@@ -175,7 +175,7 @@ def test_people_cross_each_other_on_purpose(motion: CrowdMotion) -> None:
 
 
 def test_nobody_walks_through_furniture() -> None:
-    table = Box((-1.0, -0.5, 0.0), (0.5, 0.5, 0.75))
+    table = Furniture((-1.0, -0.5, 0.0), (0.5, 0.5, 0.75))
     motion = small_crowd(2, 300, furniture=(table,))
     inside = np.all((ground_m(motion) > table.low_m[:2]) & (ground_m(motion) < table.high_m[:2]), axis=-1)
     assert not inside.any()
@@ -246,7 +246,7 @@ def test_capsules_agree_with_dense_samples_of_the_rays(motion: CrowdMotion) -> N
 
 
 def test_furniture_agrees_with_dense_samples_of_the_rays(motion: CrowdMotion) -> None:
-    table, camera_m = Box((-1.0, -1.5, 0.0), (1.0, 0.5, 0.75)), np.array([3.0, -3.5, 1.5])
+    table, camera_m = Furniture((-1.0, -1.5, 0.0), (1.0, 0.5, 0.75)), np.array([3.0, -3.5, 1.5])
     people_m = motion.truth_m[:, ::60].swapaxes(0, 1)
     hidden = hidden_by(camera_m, people_m, Capsules.of(motion.skeleton), (table,)) == FURNITURE
     without = hidden_by(camera_m, people_m, Capsules.of(motion.skeleton)) == VISIBLE
@@ -451,7 +451,7 @@ def test_a_ring_covers_the_room(motion: CrowdMotion, n_cameras: int, height_m: f
         (lambda: CrowdPlan(min_crossing_m=1.0), r"CrowdPlan\.min_crossing_m must not exceed max_crossing_m"),
         (lambda: CrowdPlan(room_x_m=1.0), "the room larger than 2 m"),
         (lambda: CrowdPlan(late_share=2.0), r"CrowdPlan\.late_share must be in"),
-        (lambda: Box((0.0, 0.0, 0.0), (1.0, 0.0, 1.0)), "lower corner below its upper one"),
+        (lambda: Furniture((0.0, 0.0, 0.0), (1.0, 0.0, 1.0)), "lower corner below its upper one"),
     ],
 )
 def test_bad_settings_are_one_clear_error(settings: Any, message: str) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fgpose.skeleton import Skeleton
-from fgpose_benchmarks.synthetic import Box, CrowdMotion, CrowdPlan, Seat, crowd_motion, motion_from_npz
+from fgpose_benchmarks.synthetic import CrowdMotion, CrowdPlan, Furniture, Seat, crowd_motion, motion_from_npz
 from fgpose_benchmarks.synthetic.body_motion import ANKLE_M, Poses, above_legs, gait_of, positions_of, work_of
 from fgpose_benchmarks.synthetic.crowd.sitting import seated
 from fgpose_benchmarks.synthetic.snapping import stretches
@@ -22,7 +22,7 @@ def motion() -> CrowdMotion:
     """Four people for 16 s: one goes out and comes back, the others sit down."""
     gait, work = (motion_from_npz(MOCAP / f"{clip}.npz") for clip in ("cmu_02_01_short", "cmu_02_05"))
     plan = CrowdPlan(returning_share=0.25)
-    return crowd_motion(4, 400, FPS, [gait], [work], 3, plan, (Box((0.1, -0.5, 0.0), (1.3, 0.3, 0.75)),), SEATS)
+    return crowd_motion(4, 400, FPS, [gait], [work], 3, plan, (Furniture((0.1, -0.5, 0.0), (1.3, 0.3, 0.75)),), SEATS)
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,11 @@ from fgpose_benchmarks.synthetic import (
     NO_CROWD_ERRORS,
     NO_NOISE,
     STUDIOS,
-    Clocks,
     CrowdErrors,
     CrowdMotion,
-    Network,
     Occlusion,
+    SimulatedClocks,
+    SimulatedNetwork,
     WalkScene,
     film,
     find_studio,
@@ -24,7 +24,7 @@ from fgpose_benchmarks.synthetic import (
     walkers,
 )
 
-EXACT = Network(
+EXACT = SimulatedNetwork(
     noise=NO_NOISE,
     min_bias_m=0.0,
     max_bias_m=0.0,
@@ -33,7 +33,7 @@ EXACT = Network(
     tilt_sigma_deg=0.0,
     mistakes=NO_CROWD_ERRORS,
 )
-APART = Clocks(fps=(30.0, 25.0), max_start_s=1.5, min_drift_ppm=43.0, max_drift_ppm=145.0)
+APART = SimulatedClocks(fps=(30.0, 25.0), max_start_s=1.5, min_drift_ppm=43.0, max_drift_ppm=145.0)
 MIXED = find_studio("mixed_5")
 
 
@@ -187,7 +187,7 @@ def test_bodies_are_flipped_and_missed(motion: CrowdMotion):
 
 
 def test_the_same_seed_gives_the_same_scene(motion: CrowdMotion):
-    scenes = [film(motion, MIXED.rig, seed, Network(), APART) for seed in (5, 5, 6)]
+    scenes = [film(motion, MIXED.rig, seed, SimulatedNetwork(), APART) for seed in (5, 5, 6)]
     pixels = [np.concatenate([image.points2d_px.ravel() for image in scene.observations.images]) for scene in scenes]
     np.testing.assert_array_equal(pixels[0], pixels[1])
     assert len(pixels[0]) != len(pixels[2]) or not np.array_equal(pixels[0], pixels[2], equal_nan=True)
@@ -195,7 +195,7 @@ def test_the_same_seed_gives_the_same_scene(motion: CrowdMotion):
 
 @pytest.mark.slow
 def test_occluders_and_real_errors_are_worse(motion: CrowdMotion):
-    def error_px(network: Network) -> float:
+    def error_px(network: SimulatedNetwork) -> float:
         errors = []
         scene = film(motion, MIXED.rig, 1, network)
         for c, camera in enumerate(scene.rig.cameras):
@@ -203,8 +203,8 @@ def test_occluders_and_real_errors_are_worse(motion: CrowdMotion):
             errors.append((points2d_px - camera.distort(camera.project(true_m))).ravel())
         return float(np.sqrt(np.nanmean(np.square(np.concatenate(errors)))))
 
-    plain_px = error_px(replace(EXACT, noise=Network().noise))
-    assert error_px(replace(EXACT, noise=Network().noise, occlusion=Occlusion(n_occluders=1))) > 1.5 * plain_px
+    plain_px = error_px(replace(EXACT, noise=SimulatedNetwork().noise))
+    assert error_px(replace(EXACT, noise=SimulatedNetwork().noise, occlusion=Occlusion(n_occluders=1))) > 1.5 * plain_px
     assert error_px(replace(EXACT, real=("blazepose_full",))) > 1.0
 
 
@@ -278,4 +278,4 @@ def test_a_camera_turned_upright_shows_the_turned_image():
 )
 def test_impossible_clocks_are_refused(clocks: dict):
     with pytest.raises(ValueError, match="Clocks"):
-        Clocks(**clocks)
+        SimulatedClocks(**clocks)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from fgpose.association.chosen_person import associate_or_each_camera
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY, PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.skeleton import Skeleton
 
 

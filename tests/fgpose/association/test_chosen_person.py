@@ -10,10 +10,11 @@ from everybody import track_people
 
 from fgpose.association.chosen_person import ranked
 from fgpose.association.recording import associate
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people_observations import NOBODY, PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import walking
 

@@ -14,8 +14,9 @@ from fgpose.association.founding import found, found_alone
 from fgpose.association.likelihood import Distances, log_ratio_of
 from fgpose.association.matching import Moment, match
 from fgpose.association.pose_filter import SIGMA_M, PoseFilters, RayResidual
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.people_observations import NOBODY, Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 

@@ -14,8 +14,9 @@ from fgpose.association.detectability import detection_probability
 from fgpose.association.founding import found, found_alone
 from fgpose.association.matching import Moment
 from fgpose.association.pose_filter import PoseFilters
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY, Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 

@@ -9,7 +9,7 @@ import pytest
 
 from fgpose.association.likelihood import Likelihood
 from fgpose.association.matching import Matches, match
-from fgpose.people_observations import NOBODY
+from fgpose.correspondences import NOBODY
 
 N_JOINTS = 4
 MIRROR = np.array([0, 2, 1, 3])

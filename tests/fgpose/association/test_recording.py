@@ -10,9 +10,9 @@ from rooms import FPS, body_m, image
 
 from fgpose.association.chosen_person import associate_or_each_camera, main_person
 from fgpose.association.recording import associate
-from fgpose.frame_matching import MatchedFrames
+from fgpose.correspondences import NOBODY, MatchedFrames
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY, Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 
@@ -48,10 +48,8 @@ def test_each_person_has_their_detections(rig: CameraRig, skeleton: Skeleton) ->
 def test_observations_of_a_person(rig: CameraRig, skeleton: Skeleton) -> None:
     people = recording(rig, skeleton)
     association = associate(people, rig)
-    own, in_all = association.of(1), association.in_all_frames(1)
-    assert (own.n_frames, in_all.n_frames) == (15, 30)
-    assert np.isnan(in_all.points2d_px[:15]).all()
-    np.testing.assert_array_equal(in_all.points2d_px[15:], own.points2d_px)
+    own = association.of(1)
+    assert own.n_frames == 15
     np.testing.assert_allclose(own.time_s, np.arange(15, 30) / FPS)
     true_px = rig.project(body_m(skeleton, THERE_M))
     # Five standard deviations of the noise of 3 px.

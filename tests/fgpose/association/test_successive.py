@@ -12,8 +12,9 @@ from rooms import FPS, body_m, image
 from fgpose.association.chosen_person import main_person, ranked
 from fgpose.association.recording import associate
 from fgpose.association.successive import successive
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY, PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 

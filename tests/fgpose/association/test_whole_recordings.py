@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from everybody import track_people
 
+from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig, walking
 

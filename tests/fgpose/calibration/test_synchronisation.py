@@ -11,7 +11,7 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
 from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, WalkScene, film
 
 H36M = load_skeleton("h36m_17")
 
@@ -25,7 +25,7 @@ def filmed(clip: str, seconds: float, *, still: bool = False) -> WalkScene:
     if still:
         motion_m = np.repeat(motion_m[:1], len(motion_m), axis=0)
     motion = CrowdMotion(H36M, motion_m[None], fps)
-    return film(motion, ring_rig(4), 1, Network(in_3d=False), Clocks((30.0, 25.0), 2.0, 40.0, 145.0))
+    return film(motion, ring_rig(4), 1, SimulatedNetwork(in_3d=False), SimulatedClocks((30.0, 25.0), 2.0, 40.0, 145.0))
 
 
 def later(people: PeopleObservations, camera: str, by_s: float) -> PeopleObservations:

@@ -13,7 +13,7 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
 from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, film
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, film
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, CameraRig]:
     folder = tmp_path_factory.mktemp("take")
     motion_m, fps = embedded_motion("cmu_02_05")
     motion = CrowdMotion(load_skeleton("h36m_17"), motion_m[None, : round(15 * fps)], fps)
-    scene = film(motion, ring_rig(3), 1, Network(in_3d=False), Clocks((30.0, 25.0), 2.0))
+    scene = film(motion, ring_rig(3), 1, SimulatedNetwork(in_3d=False), SimulatedClocks((30.0, 25.0), 2.0))
     save_rig(scene.rig.with_time_offsets(np.zeros(3)), folder / "Calib.toml")
     save_people_observations(scene.observations, folder / "take.parquet")
     return folder, scene.rig

@@ -14,7 +14,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status
 from fgpose_benchmarks.accuracy.variants import find_variant, record
-from fgpose_benchmarks.comparison.recording import Recording
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
 
 CONFIG = Config()
@@ -74,14 +74,14 @@ def test_only_where_two_detections_are_off_is_there_a_doubt(rig: CameraRig, skel
     assert is_doubtful(truth_m, points_px, SPREAD_M, rig)
 
 
-def fast(n_cameras: int) -> Recording:
+def fast(n_cameras: int) -> BenchmarkRecording:
     recording = record(find_variant("fast_4x_30hz"), PUNCHES, 40)
     names = recording.rig.names[:n_cameras]
     arrays = {"observations": recording.observations.subset(names), "rig": recording.rig.subset(names)}
-    return Recording(**{**vars(recording), **arrays})
+    return BenchmarkRecording(**{**vars(recording), **arrays})
 
 
-def errors_m(positions_m: np.ndarray, recording: Recording) -> np.ndarray:
+def errors_m(positions_m: np.ndarray, recording: BenchmarkRecording) -> np.ndarray:
     return np.linalg.norm(positions_m - recording.truth_m, axis=-1)
 
 

@@ -17,7 +17,7 @@ from fgpose.io.keypoints import save_observations
 from fgpose.io.trajectories import save_trajectory
 from fgpose.io.trajectories.kinematics import save_kinematics
 from fgpose.viewer import open_recording
-from fgpose_benchmarks.human36m.predictions import Prediction, save_predictions
+from fgpose_benchmarks.human36m.predictions import SequencePrediction, save_predictions
 
 OLD = b"the good file of the run before"
 
@@ -27,7 +27,7 @@ def _save_rrd(path: Path) -> None:
         shown.log_observations(recording())
 
 
-POSE = Prediction(np.arange(1), np.zeros((1, 17, 3)))
+POSE = SequencePrediction(np.arange(1), np.zeros((1, 17, 3)))
 WRITERS: dict[str, Callable[[Path], object]] = {
     "result.parquet": lambda path: save_trajectory(trajectory(), path),
     "result.npz": lambda path: save_trajectory(trajectory(), path),

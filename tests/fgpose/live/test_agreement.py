@@ -21,7 +21,15 @@ from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
-from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
+from fgpose_benchmarks.synthetic import (
+    SimulatedClocks,
+    SimulatedNetwork,
+    WalkScene,
+    film,
+    positions_at,
+    ring_rig,
+    walkers,
+)
 from fgpose_benchmarks.synthetic.crowd.walkers import Behaviour
 from tests.wrong_rigs import turned
 
@@ -41,7 +49,7 @@ def scene(
     """People, seen by a network whose bias depends on the side from which it sees the body."""
     rig = ring_rig(n_cameras, 4.5, 2.5, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
     motion = walkers((5.0, 5.0), duration_s, seed, behaviour, n_people)
-    return film(motion, rig, seed, Network(in_3d=False), Clocks(fps=(rate_hz,), max_start_s=start_s))
+    return film(motion, rig, seed, SimulatedNetwork(in_3d=False), SimulatedClocks(fps=(rate_hz,), max_start_s=start_s))
 
 
 def shown(scene: WalkScene, late_s: Mapping[str, float]) -> list[tuple[Detections, np.ndarray]]:

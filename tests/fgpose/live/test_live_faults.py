@@ -18,8 +18,8 @@ from fgpose.live.outputs import BackgroundOutput
 from fgpose.live.system import Consumer, LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking, Update
 from fgpose.live.tracking.observed import volume_points_m
-from simulated_cameras import CameraFault, Fault, SimulatedCameras
-from simulated_visitors import Clip, Scores, room_rig, scores
+from simulated_cameras import CameraFaultKind, PlayedFault, SimulatedCameras
+from simulated_visitors import Scores, SimulatedClip, room_rig, scores
 
 pytestmark = pytest.mark.slow
 CONFIG = fgpose.Config(online={"lag_s": 0.3}, tracking={"max_processes": 1})
@@ -27,7 +27,7 @@ RATE_HZ = 10.0
 START_S = 1.7e9
 # A camera is known after some seconds; the people are followed by then.
 BEGIN_S, END_S, STOP_S = 6.0, 8.5, 12.0
-KINDS: tuple[CameraFault, ...] = get_args(CameraFault)
+KINDS: tuple[CameraFaultKind, ...] = get_args(CameraFaultKind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +49,13 @@ class Run:
 
 
 @cache
-def clip() -> Clip:
+def clip() -> SimulatedClip:
     """Somebody who is there all the time."""
-    return Clip.made(room_rig(), 1, STOP_S + 1.0, RATE_HZ, 11)
+    return SimulatedClip.made(room_rig(), 1, STOP_S + 1.0, RATE_HZ, 11)
 
 
 @cache
-def run(kind: CameraFault | None, consumers: tuple[Consumer, ...] = ()) -> Run:
+def run(kind: CameraFaultKind | None, consumers: tuple[Consumer, ...] = ()) -> Run:
     rig, clock = room_rig(), SimulatedClock(START_S)
     frames, events, updates = list[LiveFrame](), list[CameraEvent](), list[Update]()
     feed = SimulatedCameras(rig, clock, lambda name, n: clip().images[name][n], RATE_HZ, 0.3, 1, events.append)
@@ -63,7 +63,7 @@ def run(kind: CameraFault | None, consumers: tuple[Consumer, ...] = ()) -> Run:
     if kind is not None:
         cameras = rig.names[1:3] if kind == "worker" else rig.names[1:2]
         end_s = BEGIN_S if kind == "clock" else END_S
-        feed.add(Fault(kind, cameras, START_S + BEGIN_S, START_S + end_s, seed=3))
+        feed.add(PlayedFault(kind, cameras, START_S + BEGIN_S, START_S + end_s, seed=3))
 
     class Frames:
         def publish(self, frame: LiveFrame) -> None:
@@ -92,7 +92,7 @@ def test_without_a_fault_nothing_is_said() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_is_noticed_within_a_second_and_said_once(kind: CameraFault) -> None:
+def test_a_fault_is_noticed_within_a_second_and_said_once(kind: CameraFaultKind) -> None:
     ran = run(kind)
     noticed = [frame for frame in ran.between(BEGIN_S, STOP_S) if ran.bad(frame) == set(ran.cameras)]
     assert noticed[0].published_s - START_S - BEGIN_S <= 1.0
@@ -105,7 +105,7 @@ def test_a_fault_is_noticed_within_a_second_and_said_once(kind: CameraFault) -> 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_others_go_on(kind: CameraFault) -> None:
+def test_the_others_go_on(kind: CameraFaultKind) -> None:
     ran = run(kind)
     assert not any(ran.bad(frame) - set(ran.cameras) for frame in ran.between(2.0, STOP_S))
     published_s = [frame.published_s for frame in ran.frames]
@@ -118,7 +118,7 @@ def test_the_others_go_on(kind: CameraFault) -> None:
 
 # A clock that has jumped costs no image: the next has the right time.
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "clock"])
-def test_uncertainty_grows_while_a_camera_is_missing(kind: CameraFault) -> None:
+def test_uncertainty_grows_while_a_camera_is_missing(kind: CameraFaultKind) -> None:
     ran, calm = run(kind), run(None)
     missing_s = [frame.time_s - START_S for frame in ran.frames if ran.bad(frame) and frame.time_s > START_S + BEGIN_S]
     begin_s, end_s = missing_s[0] + 0.3, missing_s[-1]
@@ -132,7 +132,7 @@ def test_uncertainty_grows_while_a_camera_is_missing(kind: CameraFault) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_camera_rejoins_and_the_estimate_is_right_within_a_second(kind: CameraFault) -> None:
+def test_the_camera_rejoins_and_the_estimate_is_right_within_a_second(kind: CameraFaultKind) -> None:
     ran, calm = run(kind), run(None)
     end_s = BEGIN_S + 1.0 if kind == "clock" else END_S
     # A fault is over when it has been away for a second; it takes up to a second to see that it is away.
@@ -146,7 +146,7 @@ def test_the_camera_rejoins_and_the_estimate_is_right_within_a_second(kind: Came
 
 
 @pytest.mark.parametrize("kind", ["frozen", "black", "garbled", "moved"])
-def test_images_in_which_a_fault_is_seen_are_left_out_and_counted(kind: CameraFault) -> None:
+def test_images_in_which_a_fault_is_seen_are_left_out_and_counted(kind: CameraFaultKind) -> None:
     ran = run(kind)
     (name,) = ran.cameras
     left_out = [image for update in ran.updates for image in update.images if not image.is_used]

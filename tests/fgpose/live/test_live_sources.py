@@ -16,8 +16,8 @@ from made_videos import SIZE_PX, counted, pictures, write_video
 
 from fgpose.live.cameras.image import SourceImage
 from fgpose.live.clock import Clock, SimulatedClock
-from fgpose.live.sources import CameraSource, Source, SourceError, open_source
-from fgpose.live.sources.address import shown, with_environment
+from fgpose.live.sources import CameraSource, ImageSource, SourceError, open_source
+from fgpose.live.sources.address import with_environment, without_password
 from fgpose.live.sources.playback import Playback
 
 pytest.importorskip("av")
@@ -26,7 +26,7 @@ FPS = 30
 LONG_S = 60.0
 
 
-def opened(settings: CameraSource, clock: Clock | None = None) -> Source:
+def opened(settings: CameraSource, clock: Clock | None = None) -> ImageSource:
     clock = clock or SimulatedClock(1e9)
     return open_source("cam01", settings, clock, Playback(clock))
 
@@ -295,7 +295,7 @@ def test_a_server_that_sends_noise() -> None:
     ],
 )
 def test_sources_are_shown_without_password(source: str, text: str) -> None:
-    assert shown(source) == text
+    assert without_password(source) == text
     assert "pass" not in repr(CameraSource(source=source))
 
 

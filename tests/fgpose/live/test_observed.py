@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.live.tracking.observed import Volume, in_views, observed_share, volume_points_m
+from fgpose.geometry.field_of_view import in_views
+from fgpose.live.tracking.observed import Volume, observed_share, volume_points_m
 from fgpose_benchmarks.synthetic import ring_rig
 
 

@@ -21,7 +21,7 @@ from live_frames import live_frame, live_person, standing_m
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import CameraState
-from fgpose.live.link_distance import Fault, LinkDistance
+from fgpose.live.link_distance import DistanceFault, LinkDistance
 from fgpose.live.page.page_state import LATENCY_EDGES_MS, PageState
 from fgpose.live.page.status_page import StatusPage
 from fgpose.live.processes.parts import Parts
@@ -280,7 +280,7 @@ def test_events_tell_what_changed(state: PageState, rig: CameraRig, skeleton: Sk
     state.add(live_frame(skeleton, [person], NOW_S + 1, cameras=rig.names, lost=("ring_1",)))
     state.add(live_frame(skeleton, [person], NOW_S + 2, cameras=rig.names, lost=("ring_1",)))
     state.add(live_frame(skeleton, (), NOW_S + 3, cameras=rig.names))
-    fault = Fault("no image has come yet", NOW_S + 4)
+    fault = DistanceFault("no image has come yet", NOW_S + 4)
     distance = LinkDistance("arm", -np.inf, -np.inf, None, "", "", np.nan, np.inf, np.nan, 0.0, fault)
     state.set_distances([distance])
     state.set_distances([distance])

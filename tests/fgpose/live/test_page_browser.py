@@ -24,7 +24,7 @@ from fgpose.association.track import TrackState
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
-from fgpose.live.link_distance import Fault, LinkDistance
+from fgpose.live.link_distance import DistanceFault, LinkDistance
 from fgpose.live.page.status_page import StatusPage
 from fgpose_benchmarks.synthetic import ring_rig, walking
 from tests.fgpose.browser import BROWSER, browser
@@ -103,7 +103,7 @@ def served(names: tuple[str, ...]) -> Iterator[StatusPage]:
     rig, rng, over = named_rig(names), np.random.default_rng(0), threading.Event()
     faults = {"zmq tcp://127.0.0.1:5561": "", "recording out/today": "the disk is full"}
     with StatusPage(rig, SKELETON, port=0, faults=lambda: faults) as page:
-        fault = Fault("the data are 0.61 s old", time.time() - 300)
+        fault = DistanceFault("the data are 0.61 s old", time.time() - 300)
         page.show_distances([
             LinkDistance("forearm", 0.412, 0.55, 1, "left hand", "left_wrist", 0.82, 0.03, 0.01, 1.0, None),
             LinkDistance("gripper", 0.63, 0.8, 1, "left hand", "left_wrist", 0.4, 0.03, 0.01, 1.0, fault),

@@ -19,7 +19,6 @@ from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import LiveCamera
 from fgpose.live.cameras.image import Image, SourceImage
 from fgpose.live.clock import Clock, SimulatedClock
-from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraStatus, LiveFrame
 from fgpose.live.outputs.frame_messages import decode_frame, encode_frame
 from fgpose.live.processes.parts import Parts
@@ -28,7 +27,7 @@ from fgpose.live.reception.keypoint_messages import encode_keypoints
 from fgpose.live.reception.keypoint_socket import KeypointSocket
 from fgpose.live.reception.received import KeypointReceiver
 from fgpose.live.sources import CameraSource
-from fgpose.live.system import LiveSystem
+from fgpose.live.system import Feed, LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.skeleton import Skeleton

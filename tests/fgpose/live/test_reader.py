@@ -22,7 +22,7 @@ from fgpose.live.cameras.reader import CameraReader
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState
 from fgpose.live.processes.parts import Parts
-from fgpose.live.sources import CameraSource, Source, SourceError, open_source
+from fgpose.live.sources import CameraSource, ImageSource, SourceError, open_source
 from fgpose.live.sources.playback import Playback
 
 # Tests wait for what must happen, at most so long; nothing is timed.
@@ -52,7 +52,7 @@ class Script:
 class Watched:
     """A camera with a reader that is looked at until something is so."""
 
-    def __init__(self, open_source: Callable[[], Source], settings: CameraSource) -> None:
+    def __init__(self, open_source: Callable[[], ImageSource], settings: CameraSource) -> None:
         self.events: list[CameraEvent] = []
         self.camera = LiveCamera("cam01", settings, Clock(), 60.0, on_event=self.events.append)
         self.mailbox = Mailbox[Image]()
@@ -119,7 +119,7 @@ def test_whatever_a_source_raises_it_is_opened_again() -> None:
 def test_the_waits_between_attempts_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     waits_s: list[float] = []
 
-    def refuse() -> Source:
+    def refuse() -> ImageSource:
         raise SourceError("cam01", "rtsp://a", "nothing answers there")
 
     camera = LiveCamera("cam01", CameraSource(source="rtsp://a"), Clock(), 60.0)

@@ -25,13 +25,12 @@ from fgpose.io.live.packing import packed, unpacked
 from fgpose.io.live.record_files import MAGIC, as_record
 from fgpose.io.live.recordings import RecordedImage, _number, images_document, start_document
 from fgpose.live.clock import SimulatedClock
-from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraStatus, LiveFrame
 from fgpose.live.outputs.frame_messages import frame_document
 from fgpose.live.recording.live_recording import load_live_recording
 from fgpose.live.recording.recorder import Recorder
 from fgpose.live.recording.replay import replay
-from fgpose.live.system import LiveSystem
+from fgpose.live.system import Feed, LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
 

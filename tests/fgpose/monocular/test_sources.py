@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fgpose.frame_matching import NO_IMAGE, match_frames
+from fgpose.correspondences import NO_IMAGE, match_frames
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.monocular.clips import open_clip

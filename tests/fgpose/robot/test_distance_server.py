@@ -19,7 +19,7 @@ import zmq
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.packing import packed
 from fgpose.live.frame import LiveFrame
-from fgpose.live.link_distance import Fault, LinkDistance
+from fgpose.live.link_distance import DistanceFault, LinkDistance
 from fgpose.live.outputs import Output
 from fgpose.live.reception.rejections import MessageError
 from fgpose.live.tracking.observed import Volume
@@ -288,7 +288,7 @@ def test_a_port_that_is_taken_is_named(rig: CameraRig, skeleton: Skeleton) -> No
 
 
 def test_messages_of_distances_come_back() -> None:
-    fault = Fault("the data are 0.61 s old", 1000.25)
+    fault = DistanceFault("the data are 0.61 s old", 1000.25)
     distances = (
         LinkDistance("arm", 0.4, 0.5, 3, "left hand", "left_wrist", math.nan, 0.03, 0.01, 0.5, fault),
         LinkDistance("post", math.inf, math.inf, None, "", "", math.nan, 0.03, 0.0, 1.0, None),

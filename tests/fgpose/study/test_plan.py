@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from fgpose.cli import main
-from fgpose.study import Plan, Study, load_study, process
+from fgpose.study import Plan, StudyDescription, load_study, process
 from fgpose.study.study import study_of
 
 
-def keys(study: Study, only: str = "") -> list[str]:
+def keys(study: StudyDescription, only: str = "") -> list[str]:
     return [recording.key for recording in Plan(study, only)]
 
 
@@ -112,7 +112,7 @@ def test_results_are_no_recordings(edited: Callable[[str, str], Path]) -> None:
     assert not any(key.startswith("S09") for key in keys(study))
 
 
-def pose2sim_study(root: Path, **data: object) -> Study:
+def pose2sim_study(root: Path, **data: object) -> StudyDescription:
     return study_of({"data": {"layout": "pose2sim", "skeleton": "body_25b", **data}}, root / "study.toml")
 
 

@@ -20,18 +20,18 @@ from fgpose.io.keypoints import load_observations
 from fgpose.io.studies.state import load_state
 from fgpose.io.trajectories import load_trajectory
 from fgpose.report import load_finished
-from fgpose.study import Outcome, Plan, Recording, load_study, process
+from fgpose.study import Plan, RecordingOutcome, Trial, load_study, process
 from fgpose.study.process import due
 
 ALL = ("estimate", "judge")
 pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 
 
-def first(file: Path) -> Recording:
+def first(file: Path) -> Trial:
     return next(iter(Plan(load_study(file))))
 
 
-def run(file: Path) -> Outcome:
+def run(file: Path) -> RecordingOutcome:
     return process(load_study(file), first(file))
 
 

@@ -21,7 +21,7 @@ import pytest
 import study_work
 from distributed.comm.core import connect
 
-from fgpose.study import Outcome, Plan, StudyResult, cluster, load_study, process, run_study
+from fgpose.study import Plan, RecordingOutcome, StudyResult, cluster, load_study, process, run_study
 from fgpose.study.cluster import SchedulerLostError, Stream, workers
 from fgpose.study.study import Resources
 
@@ -185,7 +185,7 @@ def test_a_scheduler_that_does_not_answer_is_an_error(study_file: Path, monkeypa
 def test_two_studies_do_not_write_into_one_folder(study_file: Path) -> None:
     study = load_study(study_file)
 
-    def run_again(outcome: Outcome) -> None:
+    def run_again(outcome: RecordingOutcome) -> None:
         with pytest.raises(OSError, match="another fgpose study is at work"):
             run_study(study, n_workers=1)
 
@@ -286,7 +286,7 @@ def test_a_killed_scheduler_loses_nothing_finished(study_file: Path, tmp_path: P
         address = json_address(file)
         outcomes = []
 
-        def kill(outcome: Outcome) -> None:
+        def kill(outcome: RecordingOutcome) -> None:
             outcomes.append(outcome.status)
             if len(outcomes) == 2:
                 at_work.kill()

@@ -13,12 +13,12 @@ from fgpose.io.calibration import load_calibration_origin, load_rig, save_rig
 from fgpose.io.keypoints import save_people_observations
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_trajectory
-from fgpose.study import Plan, Study, load_study, run_study
+from fgpose.study import Plan, StudyDescription, load_study, run_study
 from fgpose.study.process import due, process
 from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
 from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
 from fgpose_benchmarks.synthetic.crowd.walkers import walkers
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, WalkScene, film
 
 STUDY = """
 output = "results"
@@ -34,23 +34,23 @@ trial = "walk*"
 intrinsics = "Lens.toml"
 stature_m = 1.75
 """
-CLOCKS = Clocks((30.0, 25.0), 2.0)
+CLOCKS = SimulatedClocks((30.0, 25.0), 2.0)
 RIG = ring_rig(3, 4.5, 1.9)
 
 
 def boxing() -> WalkScene:
     motion_m, fps = embedded_motion("cmu_02_05")
     motion = CrowdMotion(load_skeleton("h36m_17"), motion_m[None, : round(12 * fps)], fps)
-    return film(motion, RIG, 1, Network(in_3d=False), CLOCKS)
+    return film(motion, RIG, 1, SimulatedNetwork(in_3d=False), CLOCKS)
 
 
 @pytest.fixture(scope="module")
 def scenes() -> dict[str, WalkScene]:
-    return {"boxing": boxing(), "walk_1": film(walkers((4.0, 4.0), 13.0, 3), RIG, 3, Network(), CLOCKS)}
+    return {"boxing": boxing(), "walk_1": film(walkers((4.0, 4.0), 13.0, 3), RIG, 3, SimulatedNetwork(), CLOCKS)}
 
 
 @pytest.fixture
-def study(scenes: dict[str, WalkScene], tmp_path: Path) -> Study:
+def study(scenes: dict[str, WalkScene], tmp_path: Path) -> StudyDescription:
     """A session of two trials, and one that has nobody who walks."""
     for subject, trial in (("S01", "boxing"), ("S01", "walk_1"), ("S02", "boxing")):
         (tmp_path / subject / "A").mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def offset_errors_s(found: CameraRig, scene: WalkScene) -> np.ndarray:
     return errors_s - errors_s[0]
 
 
-def test_the_trial_that_calibrates_comes_first(study: Study) -> None:
+def test_the_trial_that_calibrates_comes_first(study: StudyDescription) -> None:
     walk, boxing, lost = Plan(study)
     assert walk.key == "S01/A/walk_1"
     assert walk.calibrated_on == ""
@@ -77,7 +77,7 @@ def test_the_trial_that_calibrates_comes_first(study: Study) -> None:
     assert due(study, walk) == ("calibrate", "estimate", "judge")
 
 
-def test_there_may_be_others_of_its_name_and_it_twice(study: Study) -> None:
+def test_there_may_be_others_of_its_name_and_it_twice(study: StudyDescription) -> None:
     source = study.root / "S01" / "A" / "walk_1.parquet"
     (source.parent / "walk_2.parquet").write_bytes(source.read_bytes())
     again = replace(study.data, keypoints=(*study.data.keypoints, "{subject}/{session}/{trial}.parquet"))
@@ -86,7 +86,7 @@ def test_there_may_be_others_of_its_name_and_it_twice(study: Study) -> None:
     assert sorted(each.key for each in recordings if "there twice" in each.problem) == ["S01/A/boxing", "S01/A/walk_2"]
 
 
-def test_without_the_calibration_of_its_session_a_trial_fails(study: Study) -> None:
+def test_without_the_calibration_of_its_session_a_trial_fails(study: StudyDescription) -> None:
     _, boxing, _ = Plan(study)
     outcome = process(study, boxing)
     assert outcome.status == "failed"
@@ -96,7 +96,7 @@ def test_without_the_calibration_of_its_session_a_trial_fails(study: Study) -> N
 
 
 @pytest.mark.slow  # a calibration from people
-def test_one_trial_calibrates_a_session(study: Study, scenes: dict[str, WalkScene]) -> None:
+def test_one_trial_calibrates_a_session(study: StudyDescription, scenes: dict[str, WalkScene]) -> None:
     result = run_study(study, n_workers=1)
     assert result.counts == {"done": 2, "failed": 1}
     walk, boxing = (study.output / "recordings" / "S01" / "A" / name for name in ("walk_1", "boxing"))
@@ -118,7 +118,7 @@ def test_one_trial_calibrates_a_session(study: Study, scenes: dict[str, WalkScen
     assert not any(due(study, each) for each in Plan(study) if not each.problem)
 
 
-def test_what_cannot_be_is_said(study: Study) -> None:
+def test_what_cannot_be_is_said(study: StudyDescription) -> None:
     file = study.base / "study.toml"
     file.write_text(STUDY.replace("[from_people]", "synchronise = true\n[from_people]"))
     with pytest.raises(ValueError, match=r"steps\.synchronise: where people calibrate"):
@@ -133,7 +133,7 @@ def test_what_cannot_be_is_said(study: Study) -> None:
 
 
 @pytest.mark.slow  # shifts of three pairs of cameras
-def test_a_given_rig_is_synchronised(study: Study, scenes: dict[str, WalkScene]) -> None:
+def test_a_given_rig_is_synchronised(study: StudyDescription, scenes: dict[str, WalkScene]) -> None:
     save_rig(scenes["boxing"].rig.with_time_offsets(np.zeros(3)), study.root / "Calib.toml")
     text = STUDY[: STUDY.index("[from_people]")].replace('calibrate = "people"', "synchronise = true")
     (study.base / "study.toml").write_text(text.replace("[steps]", 'calibration = "Calib.toml"\n[steps]'))

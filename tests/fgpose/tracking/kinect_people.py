@@ -15,10 +15,10 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from fgpose.association.recording import Association
-from fgpose.frame_matching import NO_IMAGE
+from fgpose.correspondences import NO_IMAGE, NOBODY
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people_observations import NOBODY, Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 
 FOLDER = Path(__file__).parents[2] / "data" / "kinect_people"
 SKELETON = load_skeleton(FOLDER / "kinect_v2.toml")

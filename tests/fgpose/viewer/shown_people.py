@@ -10,11 +10,11 @@ from rrd_contents import rows
 
 from fgpose.association.recording import Association
 from fgpose.association.track import Tracked, TrackEvent, TrackState
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames
+from fgpose.correspondences import NO_IMAGE, NOBODY, MatchedFrames, Seen
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people_observations import NOBODY, Detections, PeopleObservations, Seen
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.trajectory import Estimate, Status, Trajectory
 from fgpose.viewer.rerun import palette
 

@@ -39,7 +39,7 @@ _PAIRS_AT_ONCE = 4000  # bounds the memory: 4000 x 17 joints x 13 capsules x 3 c
 
 
 @dataclass(frozen=True)
-class Box:
+class Furniture:
     """Furniture: a box along the axes of the world.
 
     Raises:
@@ -76,7 +76,7 @@ def hidden_by(
     position_m: Float[np.ndarray, " 3"],
     people_m: Float[np.ndarray, "frame person joint 3"],
     capsules: Capsules,
-    furniture: Sequence[Box] = (),
+    furniture: Sequence[Furniture] = (),
     *,
     own_body: bool = False,
 ) -> Int[np.ndarray, "frame person joint"]:
@@ -149,7 +149,7 @@ def _behind_capsules(
 
 
 def _behind_boxes(
-    position_m: Float[np.ndarray, " 3"], points_m: Float[np.ndarray, "*points 3"], boxes: Sequence[Box]
+    position_m: Float[np.ndarray, " 3"], points_m: Float[np.ndarray, "*points 3"], boxes: Sequence[Furniture]
 ) -> Bool[np.ndarray, "*points"]:
     """Whether the segment from a position to each point meets a box: the slab method."""
     behind = np.zeros(points_m.shape[:-1], dtype=bool)

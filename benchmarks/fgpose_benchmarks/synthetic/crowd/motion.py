@@ -23,7 +23,7 @@ from fgpose_benchmarks.synthetic.body_motion import (
     positions_of,
     work_of,
 )
-from fgpose_benchmarks.synthetic.crowd.bodies import Box
+from fgpose_benchmarks.synthetic.crowd.bodies import Furniture
 from fgpose_benchmarks.synthetic.crowd.routes import CrowdPlan, Route, crossing_frames, draw_habits, plan_route
 from fgpose_benchmarks.synthetic.crowd.sitting import Seat, seated
 from fgpose_benchmarks.synthetic.snapping import stretches
@@ -45,7 +45,7 @@ _GESTURES = 0.4  # share of the work in the arms and trunk of somebody who sits
 
 
 @dataclass(frozen=True)
-class Event:
+class MotionEvent:
     kind: Literal["enters", "leaves", "returns", "crossing", "sits", "rises"]
     """sits: is at a seat and turns round to sit down. rises: has got up and goes on."""
     frame: int
@@ -65,9 +65,9 @@ class CrowdMotion:
     truth_m: np.ndarray
     """(N, T, J, 3) persons, frames and joints; world frame, metres, floor at z = 0; NaN while a person is not there."""
     fps: float
-    events: tuple[Event, ...] = ()
+    events: tuple[MotionEvent, ...] = ()
     """In the order of their frames."""
-    furniture: tuple[Box, ...] = ()
+    furniture: tuple[Furniture, ...] = ()
 
     def __post_init__(self) -> None:
         shape, n_joints = self.truth_m.shape, self.skeleton.n_joints
@@ -97,7 +97,7 @@ def crowd_motion(
     works: Sequence[Motion],
     seed: int,
     plan: CrowdPlan | None = None,
-    furniture: Sequence[Box] = (),
+    furniture: Sequence[Furniture] = (),
     seats: Sequence[Seat] = (),
 ) -> CrowdMotion:
     """People of different sizes (skeleton h36m_17) who walk, work, come and go in a room around the world's origin.
@@ -123,7 +123,7 @@ def crowd_motion(
     cycles, clips = [gait_of(clip, skeleton) for clip in gaits], [work_of(clip, skeleton) for clip in works]
     subject_m = skeleton.bone_lengths(np.asarray(gaits[0][0], dtype=float)[:1])[0]
     truth_m = np.full((n_people, n_frames, skeleton.n_joints, 3), np.nan)
-    sittings: list[Event] = []
+    sittings: list[MotionEvent] = []
     for person, habit in enumerate(habits):
         gait, work = cycles[person % len(cycles)], clips[person % len(clips)]
         performer = _Performer.drawn(rng, skeleton, subject_m, gait, work, fps)
@@ -261,22 +261,22 @@ def _keeps_distance(own_m: Float[np.ndarray, "frame 2"], others_m: Float[np.ndar
     return not (np.linalg.norm(others_m - own_m, axis=-1) < MIN_DISTANCE_M).any()
 
 
-def _sittings(person: int, sits: Bool[np.ndarray, " frame"]) -> Iterator[Event]:
+def _sittings(person: int, sits: Bool[np.ndarray, " frame"]) -> Iterator[MotionEvent]:
     for start, end in stretches(sits):
-        yield Event("sits", start, (person,))
+        yield MotionEvent("sits", start, (person,))
         if end < len(sits):
-            yield Event("rises", end, (person,))
+            yield MotionEvent("rises", end, (person,))
 
 
-def _events(ground_m: Float[np.ndarray, "person frame 2"], fps: float, plan: CrowdPlan) -> list[Event]:
-    events: list[Event] = []
+def _events(ground_m: Float[np.ndarray, "person frame 2"], fps: float, plan: CrowdPlan) -> list[MotionEvent]:
+    events: list[MotionEvent] = []
     for person, there in enumerate(np.asarray(np.isfinite(ground_m).all(axis=-1))):
         for visit, (start, end) in enumerate(stretches(there)):
             if start > 0:
-                events.append(Event("enters" if visit == 0 else "returns", start, (person,)))
+                events.append(MotionEvent("enters" if visit == 0 else "returns", start, (person,)))
             if end < len(there):
-                events.append(Event("leaves", end, (person,)))
+                events.append(MotionEvent("leaves", end, (person,)))
     for a, b in combinations(range(len(ground_m)), 2):
         frames = crossing_frames(ground_m[a], ground_m[b], fps, plan)
-        events += [Event("crossing", frame, (a, b)) for frame in frames.tolist()]
+        events += [MotionEvent("crossing", frame, (a, b)) for frame in frames.tolist()]
     return events

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose_benchmarks.synthetic.crowd.bodies import Box
+from fgpose_benchmarks.synthetic.crowd.bodies import Furniture
 from fgpose_benchmarks.synthetic.crowd.floor_paths import AT_REST_MPS, curve, speed_profile, steps, turning_radps
 from fgpose_benchmarks.synthetic.crowd.sitting import Seat
 from fgpose_benchmarks.synthetic.noise import check_scales
@@ -115,7 +115,7 @@ class _Planner:
         plan: CrowdPlan,
         fps: float,
         others_m: Float[np.ndarray, "person frame 2"],
-        furniture: Sequence[Box],
+        furniture: Sequence[Furniture],
         seats: Sequence[Seat],
     ) -> None:
         self.rng, self.plan, self.fps, self.others_m, self.furniture = rng, plan, fps, others_m, furniture
@@ -281,7 +281,7 @@ def plan_route(
     others_m: Float[np.ndarray, "person frame 2"],
     fps: float,
     plan: CrowdPlan,
-    furniture: Sequence[Box],
+    furniture: Sequence[Furniture],
     habit: Habit,
     seats: Sequence[Seat] = (),
 ) -> Route:
@@ -337,7 +337,7 @@ def crossing_frames(
     return np.flatnonzero(nearest & near & walking)
 
 
-def _within(ground_m: Float[np.ndarray, "frame 2"], box: Box) -> Bool[np.ndarray, " frame"]:
+def _within(ground_m: Float[np.ndarray, "frame 2"], box: Furniture) -> Bool[np.ndarray, " frame"]:
     low_m, high_m = np.array(box.low_m[:2]) - _WALL_M, np.array(box.high_m[:2]) + _WALL_M
     return np.asarray(((ground_m > low_m) & (ground_m < high_m)).all(axis=-1))
 

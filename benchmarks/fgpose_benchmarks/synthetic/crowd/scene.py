@@ -13,7 +13,7 @@ from fgpose.trajectory import Trajectory, joint_status
 from fgpose_benchmarks.synthetic.crowd.bodies import Capsules, hidden_by
 from fgpose_benchmarks.synthetic.crowd.errors import CameraTimes, CrowdErrors, FalsePerson, false_people
 from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
-from fgpose_benchmarks.synthetic.crowd.views import Detected, View, detect
+from fgpose_benchmarks.synthetic.crowd.views import SimulatedDetections, TrueView, detect
 from fgpose_benchmarks.synthetic.noise import DetectionNoise
 from fgpose_benchmarks.synthetic.occlusion import Occlusion
 from fgpose_benchmarks.synthetic.snapping import stretches
@@ -76,7 +76,7 @@ def simulate_crowd(
         time_s = times.of(times_rng, c, duration_s)
         seen_m = positions_at(motion, time_s + camera.time_offset_s).swapaxes(0, 1)
         hider = hidden_by(camera.position_m, seen_m, capsules, motion.furniture, own_body=errors.own_body)
-        view = View(camera, motion.skeleton, times.fps[c % len(times.fps)], seen_m, hider)
+        view = TrueView(camera, motion.skeleton, times.fps[c % len(times.fps)], seen_m, hider)
         detected = detect(detect_rng, view, noise, occlusion, errors)
         false = false_people(false_rng, camera, view.true_px, duration_s, errors)
         found += _images(order_rng, view, time_s, detected, false, noise.sigma_px)
@@ -114,9 +114,9 @@ class _Image:
 
 def _images(
     rng: np.random.Generator,
-    view: View,
+    view: TrueView,
     time_s: Float[np.ndarray, " image"],
-    detected: Detected,
+    detected: SimulatedDetections,
     false: list[FalsePerson],
     sigma_px: float,
 ) -> list[_Image]:

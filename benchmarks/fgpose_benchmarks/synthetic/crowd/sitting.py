@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic.body_motion import ANKLE_M, Poses, above_legs, leg_length_m
-from fgpose_benchmarks.synthetic.crowd.bodies import Box
+from fgpose_benchmarks.synthetic.crowd.bodies import Furniture
 
 _DEPTH_M = 0.4  # of a seat, and from the ankles of somebody who sits to its middle: about the length of a thigh
 _FLESH_M = 0.08  # of a thigh, between the hip joint and the seat: as its capsule in bodies.py
@@ -44,10 +44,10 @@ class Seat:
         return self.height_m + _FLESH_M
 
     @property
-    def box(self) -> Box:
+    def box(self) -> Furniture:
         """What hides joints: as deep as it is wide."""
         (x_m, y_m), half_m = self.middle_m.tolist(), _DEPTH_M / 2
-        return Box((x_m - half_m, y_m - half_m, 0.0), (x_m + half_m, y_m + half_m, self.height_m))
+        return Furniture((x_m - half_m, y_m - half_m, 0.0), (x_m + half_m, y_m + half_m, self.height_m))
 
 
 def seated(

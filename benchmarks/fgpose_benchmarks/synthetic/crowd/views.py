@@ -16,7 +16,7 @@ from fgpose_benchmarks.synthetic.occlusion import Occlusion, hallucination
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class TrueView:
     """The truth as one camera sees it."""
 
     camera: Camera
@@ -37,14 +37,14 @@ class View:
         original_px = self.camera.distort(undistorted_px)
         return np.asarray(np.all((original_px >= 0) & (original_px < self.camera.size_px), axis=-1))
 
-    def twice(self) -> View:
+    def twice(self) -> TrueView:
         """With a double of everybody, behind all the people."""
         seen_m, hider = (np.concatenate([array, array], axis=1) for array in (self.seen_m, self.hider))
-        return View(self.camera, self.skeleton, self.fps, seen_m, hider)
+        return TrueView(self.camera, self.skeleton, self.fps, seen_m, hider)
 
 
 @dataclass(frozen=True, eq=False)
-class Detected:
+class SimulatedDetections:
     """Everybody in all images of a camera."""
 
     is_there: Bool[np.ndarray, "image person"]
@@ -58,8 +58,8 @@ class Detected:
 
 
 def detect(
-    rng: np.random.Generator, view: View, noise: DetectionNoise, occlusion: Occlusion, errors: CrowdErrors
-) -> Detected:
+    rng: np.random.Generator, view: TrueView, noise: DetectionNoise, occlusion: Occlusion, errors: CrowdErrors
+) -> SimulatedDetections:
     """Everybody, and behind them a double of everybody; false people not yet."""
     *joint_rngs, missed_rng, doubled_rng, flip_rng = rng.spawn(7)
     n_people = view.hider.shape[1]
@@ -74,12 +74,12 @@ def detect(
     flip = np.where(is_flipped[..., None], view.skeleton.mirror, np.arange(view.skeleton.n_joints))
     points_px = np.take_along_axis(points_px, flip[..., None], axis=2)
     confidence, joint_of, hidden = (np.take_along_axis(a, flip, axis=2) for a in (confidence, joint_of, hidden))
-    return Detected(is_there, points_px, confidence, joint_of, hidden, is_flipped)
+    return SimulatedDetections(is_there, points_px, confidence, joint_of, hidden, is_flipped)
 
 
 def _joints(
     rngs: list[np.random.Generator],
-    view: View,
+    view: TrueView,
     n_people: int,
     noise: DetectionNoise,
     occlusion: Occlusion,
@@ -113,7 +113,7 @@ def _joints(
 
 
 def _hiders_joint_px(
-    view: View, true_px: Float[np.ndarray, "image slot joint 2"], n_people: int
+    view: TrueView, true_px: Float[np.ndarray, "image slot joint 2"], n_people: int
 ) -> tuple[Float[np.ndarray, "image slot joint 2"], Int[np.ndarray, "image slot joint"]]:
     """Of whoever hides a joint, the same joint or the mirrored one, the nearer that is visible; and who that is.
 
@@ -136,7 +136,9 @@ def _hiders_joint_px(
     return source_px, source
 
 
-def _bias_px(rng: np.random.Generator, view: View, noise: DetectionNoise) -> Float[np.ndarray, "image person joint 2"]:
+def _bias_px(
+    rng: np.random.Generator, view: TrueView, noise: DetectionNoise
+) -> Float[np.ndarray, "image person joint 2"]:
     depth_m = view.camera.to_camera_frame(view.seen_m)[..., 2:]
     n_people, n_joints = view.hider.shape[1:]
     return bias_m(rng, (n_people, n_joints), noise) * np.diag(view.camera.K)[:2] / depth_m

@@ -13,7 +13,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 from fgpose_benchmarks.synthetic.crowd.walkers import walkers
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, WalkScene, film
 
 FPS = (30.0, 25.0, 50.0)
 
@@ -22,7 +22,7 @@ FPS = (30.0, 25.0, 50.0)
 def walk_scene() -> WalkScene:
     """35 s, detections with noise, outliers, exchanged sides and a bias of 20 to 40 mm."""
     motion = walkers((4.0, 4.0), 35.0, 3)
-    return film(motion, ring_rig(3, 4.5, 1.9), 3, Network(), Clocks(FPS, 8.0, 40.0, 145.0))
+    return film(motion, ring_rig(3, 4.5, 1.9), 3, SimulatedNetwork(), SimulatedClocks(FPS, 8.0, 40.0, 145.0))
 
 
 @cache

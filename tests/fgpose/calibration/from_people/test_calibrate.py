@@ -15,7 +15,7 @@ from fgpose.calibration.from_people.calibrate import Parts, calibrate_from_peopl
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
 from fgpose.calibration.from_people.starts.starts import GivenStart
 from fgpose.geometry.camera import CameraRig
-from fgpose_benchmarks.synthetic import Clocks, WalkScene, film, find_studio, stature_m, walkers
+from fgpose_benchmarks.synthetic import SimulatedClocks, WalkScene, film, find_studio, stature_m, walkers
 
 DURATION_S = 15.0
 
@@ -31,7 +31,7 @@ def scene(
     studio = find_studio("equal_4" if focal_guess else "ring_4")
     duration_s = DURATION_S if behaviour == "walks" else 6.0
     motion = walkers(studio.floor_m, duration_s + max_start_s, 3, behaviour=behaviour)
-    clocks = Clocks(max_start_s=max_start_s) if max_start_s else None
+    clocks = SimulatedClocks(max_start_s=max_start_s) if max_start_s else None
     rig = studio.rig.subset(studio.rig.names[:n_cameras])
     return film(motion, rig, 3, clocks=clocks, focal_guess=focal_guess)
 

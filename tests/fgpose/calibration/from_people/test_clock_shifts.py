@@ -13,7 +13,7 @@ from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ, Motion
 from fgpose.calibration.from_people.starts.views import View
 from fgpose.calibration.from_people.walk import Track
 from fgpose_benchmarks.synthetic import NO_CROWD_ERRORS, NO_NOISE
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, WalkScene, film
 
 
 def noise_signals(first: int, values: np.ndarray) -> MotionSignals:
@@ -66,8 +66,8 @@ def test_an_image_that_is_turned_has_the_same_signals() -> None:
 
 def test_without_noise_the_shift_and_the_rate_are_exact() -> None:
     scene = walk_scene()
-    network = Network(noise=NO_NOISE, min_bias_m=0.0, max_bias_m=0.0, mistakes=NO_CROWD_ERRORS, in_3d=False)
-    exact = film(scene.motion, scene.rig, 3, network, Clocks((30.0, 25.0), 8.0, 40.0, 145.0))
+    network = SimulatedNetwork(noise=NO_NOISE, min_bias_m=0.0, max_bias_m=0.0, mistakes=NO_CROWD_ERRORS, in_3d=False)
+    exact = film(scene.motion, scene.rig, 3, network, SimulatedClocks((30.0, 25.0), 8.0, 40.0, 145.0))
     views = [_view(exact, camera) for camera in (0, 1)]
     fit = fit_epipolar_shift(views[0], views[1], true_offset_s(exact, 1, 15.0) + 0.06)
     assert fit is not None

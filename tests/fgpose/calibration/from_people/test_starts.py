@@ -17,7 +17,7 @@ from fgpose.people_observations import PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 from fgpose_benchmarks.synthetic.crowd.walkers import walkers
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, film
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, film
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def _part(track: Track, from_s: float, to_s: float) -> Track:
 
 def test_somebody_who_stands_still_is_told_so() -> None:
     motion = walkers((4.0, 4.0), 12.0, 0, "stands")
-    scene = film(motion, ring_rig(2, 4.5, 1.9), 0, Network(), Clocks((25.0,), 3.0))
+    scene = film(motion, ring_rig(2, 4.5, 1.9), 0, SimulatedNetwork(), SimulatedClocks((25.0,), 3.0))
     skeleton = scene.observations.skeleton
     starts = find_starts(main_tracks(find_tracks(scene.observations), skeleton), skeleton, scene.intrinsics)
     assert not starts.trusted.any()

@@ -11,7 +11,7 @@ from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 from fgpose_benchmarks.synthetic.crowd.walkers import walkers
-from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, WalkScene, film
 
 FPS = 25.0
 
@@ -72,7 +72,7 @@ def test_sides_that_coincide_for_a_moment_do_not_turn_a_body_for_good(skeleton: 
 @pytest.mark.slow
 def test_main_tracks_of_several_people_are_of_one_person() -> None:
     motion = walkers((4.0, 4.0), 20.0, 5, n_people=2)
-    scene = film(motion, ring_rig(3, 4.8, 2.2), 5, Network(), Clocks((25.0,), 3.0))
+    scene = film(motion, ring_rig(3, 4.8, 2.2), 5, SimulatedNetwork(), SimulatedClocks((25.0,), 3.0))
     skeleton = scene.observations.skeleton
     chosen = main_tracks(find_tracks(scene.observations), skeleton)
     assert [track.camera for track in chosen] == list(scene.observations.camera_names)

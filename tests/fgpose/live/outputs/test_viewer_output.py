@@ -21,9 +21,8 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.outputs import ViewerOutput
 from fgpose.live.outputs.viewer_output import _ViewerSink
-from fgpose.live.outputs.viewer_process import Shown, ViewerJob, ViewerProcess, _Shower
+from fgpose.live.outputs.viewer_process import FrameToShow, ViewerJob, ViewerProcess, _Shower
 from fgpose.live.tracking.live_tracking import Update
-from fgpose.live.tracking.people import coasting, live_person
 from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import open_system_recording
@@ -103,13 +102,13 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = ViewerOutput(path, RIG, SKELETON)
     for number in range(26):
         seen = update(min(number, LATE_FRAME - 1))
-        person = live_person(seen.people[0])
+        person = LivePerson.of(seen.people[0])
         if number < LATE_FRAME:
             output.observe(seen if number != 2 else replace(seen, images=seen.images[:1]))
             for name in RIG.names:
                 output.show_image(name, picture(50 * (number + 1)))
         else:
-            person = coasting(person, (number - LATE_FRAME + 1) / 10)
+            person = person.coasting((number - LATE_FRAME + 1) / 10)
         lost = CameraStatus("cam_2", CameraState.LOST, f"no image for 0.{number} s", n_used=1)
         publish(output, frame(number, (person,), lost if number == 2 or number > LATE_FRAME else None))
     assert not path.exists()
@@ -208,10 +207,10 @@ class Blocked(ViewerProcess):
     """Shows frames when it is let."""
 
     def __init__(self, error: Exception | None = None) -> None:
-        self.shown: list[Shown] = []
+        self.shown: list[FrameToShow] = []
         self.free, self.error, self.n_closed, self.viewer_url = threading.Event(), error, 0, None
 
-    def send(self, shown: Shown) -> None:
+    def send(self, shown: FrameToShow) -> None:
         self.free.wait()
         if self.error is not None:
             raise self.error
@@ -304,7 +303,7 @@ def test_what_is_wrong_from_the_start_is_raised(tmp_path: Path) -> None:
 def test_the_file_is_whole_when_the_system_is_killed(tmp_path: Path) -> None:
     output = ViewerOutput(path := tmp_path / "live.rrd", RIG, SKELETON)
     output.observe(seen := update(0))
-    publish(output, frame(0, (live_person(seen.people[0]),)))
+    publish(output, frame(0, (LivePerson.of(seen.people[0]),)))
     sink = output._sink
     assert isinstance(sink, _ViewerSink)
     stdin = sink._process._process._process.stdin
@@ -321,11 +320,11 @@ def test_what_a_full_disk_has_taken_is_kept_under_another_name(tmp_path: Path, m
     earlier.write_text("the recording of the day before")
     recording = open_system_recording(earlier, RIG, SKELETON)
     shower = _Shower(recording)
-    assert shower.show(Shown(frame(0, ()), {}, [], {}, [])) == 0
-    assert shower.show(Shown(frame(1, ()), {}, [], {}, [])) == 1
+    assert shower.show(FrameToShow(frame(0, ()), {}, [], {}, [])) == 0
+    assert shower.show(FrameToShow(frame(1, ()), {}, [], {}, [])) == 1
     recording.flush()
     disk.is_full = True
-    shower.show(Shown(frame(2, ()), {}, [], {}, []))
+    shower.show(FrameToShow(frame(2, ()), {}, [], {}, []))
     with pytest.raises(NotWrittenError, match=f"cannot write {earlier}: No space left"):
         recording.flush()
     with pytest.raises(NotWrittenError, match="No space left"):
@@ -337,7 +336,7 @@ def test_what_a_full_disk_has_taken_is_kept_under_another_name(tmp_path: Path, m
 
 def test_a_recording_says_what_is_missing_before_it(tmp_path: Path) -> None:
     shower = _Shower(open_system_recording(tmp_path / "live.rrd", RIG, SKELETON))
-    shower.show(Shown(frame(0, ()), {}, [], {}, [], note="7 frames before are missing"))
+    shower.show(FrameToShow(frame(0, ()), {}, [], {}, [], note="7 frames before are missing"))
     shower.close()
     said = rows(tmp_path / "live.rrd", "/events/recording", "TextLog:text")
     assert [text for _, text in said.values()] == [["7 frames before are missing"]]

@@ -14,7 +14,7 @@ _MAX_WAITING = 4
 _USUAL_WAITING = 2
 
 
-class Arrivals:
+class PendingDetections:
     """Detections as they come from any thread, a few of each camera: after a delay all are used, but nothing queues.
 
     Args:

@@ -1,4 +1,4 @@
-"""Which images of cameras with different frame rates belong to one frame of the estimator."""
+"""Which images belong to one frame, whatever the frame rates of the cameras, and which detections to one person."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from jaxtyping import Float, Int
 from fgpose.sampling import mean_times_s, nearest
 
 NO_IMAGE = -1
+"""In place of the number of an image: the camera has none in this frame."""
+NOBODY = -1
+"""In place of the number of a detection: the person, or the joint, is not found in this image."""
 
 # An image belongs to the nearest frame, at most half a frame away; a tenth more, as containers round time stamps to
 # milliseconds.
@@ -95,3 +98,52 @@ def _shared_if_same(own_time_s: np.ndarray, clock_s: np.ndarray) -> np.ndarray:
         return clock_s
     # Where dropped images leave frames closer together than usual, means of different cameras may change places.
     return own_time_s if (np.diff(mean_times_s(own_time_s)) > 0).all() else clock_s
+
+
+SeenInImage = tuple[int, int, np.ndarray, np.ndarray]
+"""Frame, camera, and for every joint of a person the number of the detection and that of its joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Which joint of which detection is which joint of a person, from the first to the last frame that shows them."""
+
+    first_frame: int
+    detection: np.ndarray
+    """(T, C, J) number of the detection in its image, or NOBODY."""
+    joint: np.ndarray
+    """(T, C, J) number of its joint."""
+
+    @property
+    def frames(self) -> slice:
+        """Of the recording."""
+        return slice(self.first_frame, self.first_frame + len(self.detection))
+
+    @staticmethod
+    def nothing(n_frames: int, n_cameras: int, n_joints: int) -> Seen:
+        """Of nobody."""
+        shape = (n_frames, n_cameras, n_joints)
+        return Seen(0, np.full(shape, NOBODY), np.zeros(shape, dtype=int))
+
+    @staticmethod
+    def of_images(images: Sequence[SeenInImage], n_cameras: int) -> Seen:
+        """From all images that show somebody, at least one."""
+        first = min(t for t, *_ in images)
+        shape = (max(t for t, *_ in images) + 1 - first, n_cameras, len(images[0][2]))
+        seen = Seen(first, np.full(shape, NOBODY), np.zeros(shape, dtype=int))
+        for t, c, detection, joint in images:
+            seen.detection[t - first, c], seen.joint[t - first, c] = detection, joint
+        return seen
+
+    @property
+    def main_detection(self) -> Int[np.ndarray, "frame camera"]:
+        """The detection from which most joints are, or NOBODY."""
+        same = self.detection[..., :, None] == self.detection[..., None, :]
+        number = np.where(self.detection != NOBODY, same.sum(axis=-1), 0)
+        return np.take_along_axis(self.detection, np.argmax(number, axis=-1)[..., None], axis=-1)[..., 0]
+
+    def in_frames(self, n_frames: int) -> Seen:
+        """From the first frame of the recording on."""
+        whole = Seen.nothing(n_frames, *self.detection.shape[1:])
+        whole.detection[self.frames], whole.joint[self.frames] = self.detection, self.joint
+        return whole

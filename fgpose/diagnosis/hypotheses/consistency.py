@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.diagnosis.hypotheses.scene import Scene
+from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.sampling import spread_evenly
 
 # A detection misses the joint by 18 mm along each axis of the image (VisibilityConfig.sigma_m), and by a bias of 20 to
@@ -31,7 +31,7 @@ STEADY = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class Consistency:
     """Of a scene."""
 
     positions_m: Float[np.ndarray, "frame joint 3"]
@@ -78,7 +78,7 @@ class Agreement:
         return float(np.median(self.distance_m[self.judged])) if self.judged.any() else np.nan
 
 
-def agreement(scene: Scene) -> Agreement:
+def consistency(scene: SynchronousViews) -> Consistency:
     """Of all views of a scene."""
     shape, origins_m = scene.seen.shape, scene.origins_m
     rays = scene.rays.reshape(-1, *scene.rays.shape[2:])
@@ -94,7 +94,7 @@ def agreement(scene: Scene) -> Agreement:
     places_m = _refined(proposals_m[chosen], rays, near, origins_m)
     distance_m = np.where(known, unit * _seen_from(places_m, rays, origins_m)[1], np.inf).reshape(shape)
     distance_m[~scene.seen] = np.nan
-    return Agreement(places_m.reshape(*shape[:2], 3), distance_m, unit)
+    return Consistency(places_m.reshape(*shape[:2], 3), distance_m, unit)
 
 
 def _pairs(n_cameras: int) -> Int[np.ndarray, "pair 2"]:
@@ -149,7 +149,7 @@ def _refined(
 
 
 def _unit(
-    scene: Scene,
+    scene: SynchronousViews,
     rays: Float[np.ndarray, "point camera 3"],
     known: Bool[np.ndarray, "point camera"],
     depth_m: Float[np.ndarray, "point pair camera"],

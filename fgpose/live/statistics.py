@@ -13,7 +13,7 @@ from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 _LONGEST_MS = 5000
 
 
-class Report:
+class LiveStatistics:
     """Latencies, and how long each camera was in each state. Memory does not grow with time."""
 
     def __init__(self, camera_names: Sequence[str]) -> None:

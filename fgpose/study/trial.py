@@ -10,7 +10,7 @@ Kind = Literal["keypoints", "videos"]
 
 
 @dataclass(frozen=True)
-class Recording:
+class Trial:
     """A trial of a session of a subject. Small: it says where the content is and holds none."""
 
     subject: str
@@ -27,9 +27,9 @@ class Recording:
     """Key of the trial of its session on which its cameras are calibrated from people."""
 
     @staticmethod
-    def unknown(source: Path, kind: Kind, problem: str) -> Recording:
+    def unknown(source: Path, kind: Kind, problem: str) -> Trial:
         """Stands in the table for recordings that cannot be found."""
-        return Recording("", "", "", source, kind, problem=problem)
+        return Trial("", "", "", source, kind, problem=problem)
 
     @property
     def key(self) -> str:

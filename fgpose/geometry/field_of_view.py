@@ -1,0 +1,26 @@
+"""Which cameras have a point in their image."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.geometry.camera import CameraRig
+
+# The lens model is exact to 1e-6 px where it has an inverse; a point far outside the image that it folds back into the
+# image is off by tens of pixels.
+_MAX_ROUND_TRIP_PX = 1.0
+
+
+def in_views(rig: CameraRig, points_m: Float[np.ndarray, "point 3"]) -> Bool[np.ndarray, "point camera"]:
+    """Whether each world point lies in the image of each camera. What hides it is not known here."""
+    inside = np.zeros((len(points_m), rig.n_cameras), dtype=bool)
+    for number, camera in enumerate(rig.cameras):
+        undistorted_px = camera.project(points_m)
+        original_px = camera.distort(undistorted_px)
+        inside[:, number] = candidates = ((original_px >= 0) & (original_px < camera.size_px)).all(axis=-1)
+        if camera.distorts:
+            back_px = camera.undistort(original_px[candidates])
+            error_px = np.linalg.norm(back_px - undistorted_px[candidates], axis=-1)
+            inside[candidates, number] = error_px < _MAX_ROUND_TRIP_PX
+    return inside
