@@ -12,6 +12,7 @@ import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -310,16 +311,16 @@ def test_a_thread_that_ends_is_begun_again_and_nothing_is_lost(tmp_path: Path, m
 
 
 def test_the_disk_has_all_but_the_last_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fgpose.live.recording.recorder._SYNCED_EVERY_S", 0.05)
     path, synced = tmp_path / "live", list[int]()
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(path.stat().st_size))
     with Recorder(path, RIG, SKELETON) as recorder:
+        # A quarter of a second a frame, however long it takes.
+        clock = SimpleNamespace(monotonic=lambda: recorder.state.n_published / 4)
+        monkeypatch.setattr("fgpose.live.recording.recorder.time", clock)
         for number in range(20):
             recorder.publish(frame(number))
-            time.sleep(0.01)
-    # 0.2 s of frames, on a computer that is not much slower than that.
-    assert 2 <= len(synced) < 20
-    assert synced == sorted(set(synced))
+    # The first of all, then the first of which the last on the disk is more than a second old.
+    assert synced == [boundaries(path)[1 + n_frames] for n_frames in (1, 6, 11, 16)]
 
 
 def test_closing_ends_a_recording_also_on_a_disk_that_is_broken(
