@@ -209,17 +209,6 @@ def test_an_empty_or_foreign_file_is_named(tmp_path, extension):
         load_trajectory(path)
 
 
-@pytest.mark.parametrize("extension", [".parquet", ".npz", ".c3d"])
-def test_a_damaged_file_is_named(bare, tmp_path, extension):
-    if extension == ".c3d":
-        pytest.importorskip("ezc3d")
-    path = tmp_path / f"result{extension}"
-    save_trajectory(dataclasses.replace(bare, time_s=np.arange(5) / 50), path)
-    path.write_bytes(path.read_bytes()[:700])
-    with pytest.raises(ValueError, match=rf"result\{extension}: not a readable"):
-        load_trajectory(path)
-
-
 def test_an_archive_of_something_else_is_named(tmp_path):
     np.savez(tmp_path / "rig.npz", K=np.eye(3))
     with zipfile.ZipFile(tmp_path / "texts.npz", "w") as archive:
