@@ -39,8 +39,9 @@ demo-live: $(STAMP)
 demo-study: $(STAMP)
 	$(BIN)/fgpose demo --study --output out
 
-test: lint pytest benchmark-quick
-	$(MAKE) --no-print-directory -j2 types docs wheel
+# The types keep one core at work for longer than the documentation the other, which has time for the benchmark.
+test: lint pytest
+	$(MAKE) --no-print-directory -j2 types docs benchmark-quick wheel
 
 # The fast tests on every Python that fgpose supports and that is installed, each in an environment of its own.
 test-matrix:

@@ -13,7 +13,7 @@ from typing import Any
 
 import jaxtyping
 
-_FIRST_CALLS = 2
+_FIRST_CALLS = 1
 _check_every_call = jaxtyping.jaxtyped
 _calls: dict[int, int] = {}
 """In this test, by the code of the function: a nested one is made anew by each call of the outer one."""

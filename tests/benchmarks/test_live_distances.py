@@ -30,11 +30,16 @@ def test_no_distance_is_too_large_without_a_fault() -> None:
     assert result.availability > 0.995
 
 
-@pytest.mark.parametrize("session", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 6))])
-def test_no_distance_is_too_large_in_an_hour_of_faults_of_every_kind(session: int) -> None:
+@pytest.mark.parametrize(
+    ("session", "duration_s"), [(0, 300.0), *(pytest.param(n, 600.0, marks=pytest.mark.slow) for n in range(6))]
+)
+def test_no_distance_is_too_large_in_an_hour_of_faults_of_every_kind(
+    session: int, duration_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of messages, clocks, cameras, tracker, processes and robot. The estimation alone is a stand-in."""
+    monkeypatch.setattr(live_storm, "SESSION_S", duration_s)
     result = live_storm.simulate(session, seed=2)
-    assert result.n_faults > 15
+    assert result.n_faults > duration_s / 40
     assert result.n_said > 500
     assert result.n_nobody == 0
     assert result.too_large < 0.01  # the quantile allows so many

@@ -104,6 +104,7 @@ class Chain:
 
 
 def failure(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line of an error, without what was printed before it."""
     assert main(arguments) == 2
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("fgpose: error: ")]
     return line

@@ -12,7 +12,7 @@ import pytest
 from fgpose.child_process import ChildProcess, parent
 
 # A long time: nothing here waits for it unless something is wrong.
-LONG_S = 60.0
+LONG_S = 120.0
 
 
 def echo() -> None:

@@ -84,12 +84,7 @@ def test_help_explains_and_gives_an_example(command: str, capsys: pytest.Capture
     assert f"Example: fgpose {command}" in capsys.readouterr().out
 
 
-def test_help_of_the_program_lists_the_commands() -> None:
-    run = subprocess.run([sys.executable, "-m", "fgpose", "--help"], capture_output=True, text=True, check=True)
-    assert all(command in run.stdout for command in COMMANDS)
-
-
-def test_help_needs_no_heavy_package() -> None:
+def test_help_of_the_program_lists_the_commands_and_needs_no_heavy_package() -> None:
     code = (
         "import sys\nfrom fgpose.cli import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
@@ -97,6 +92,7 @@ def test_help_needs_no_heavy_package() -> None:
         "print(sorted(heavy & set(sys.modules)))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert all(command in run.stdout for command in COMMANDS)
     assert run.stdout.splitlines()[-1] == "[]"
 
 
@@ -268,13 +264,12 @@ def test_info_names_the_suspect(capsys: pytest.CaptureFixture[str]) -> None:
     assert "takes its images" not in printed
 
 
-def test_info_settles_the_calibration_first(
-    source: list[str], folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_settles_the_calibration_first(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig = load_rig(folder / "Calib.toml")
     exchanged = [replace(rig.cameras[0], world_T_camera=rig.cameras[1].world_T_camera), *rig.cameras[1:]]
     save_rig(CameraRig(tuple(exchanged)), tmp_path / "Calib.toml")
-    assert main(["info", source[0], "--rig", str(tmp_path / "Calib.toml"), *source[3:]]) == 0
+    source = [str(folder / "walk.npz"), "--rig", str(tmp_path / "Calib.toml"), "--skeleton", "body_25b"]
+    assert main(["info", *source]) == 0
     printed = capsys.readouterr().out
     assert "!! " in printed
     assert "cam_01" in printed
@@ -362,27 +357,6 @@ def test_rerun_sends_nothing_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (tmp_path / "walk.rrd").write_bytes(b"RRF2")
     assert main(["view", str(tmp_path / "walk.rrd"), "--web"]) == 0
     assert told == ["1"]
-
-
-@pytest.mark.parametrize(
-    ("change", "culprit"),
-    [
-        (["--cameras", "cam_01", "cam_09"], "cam_09"),
-        (["--skeleton", "body_99"], "body_99"),
-        (["--skeleton", "coco_17"], "coco_17"),
-        (["--rig", "no/such.toml"], "no/such.toml"),
-        (["--config", "no/such.toml"], "no/such.toml"),
-        (["--frames", "0"], "--frames"),
-        (["--projection.sigma-px", "-1"], "projection.sigma_px"),
-        (["--projection.sigma-px", "4,5"], "--projection.sigma-px 4,5: write a point, 4.5"),
-        (["--fps=59,94"], "--fps 59,94: write a point, 59.94"),
-    ],
-)
-def test_wrong_input_is_one_line_that_names_it(
-    change: list[str], culprit: str, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert culprit in failure(["smooth", *source, "--output", str(tmp_path / "out"), *change], capsys)
-    assert not (tmp_path / "out").exists() or list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.mark.parametrize("code", ["\x1b]52;c;cm0gLXJm\x07", "\x9b2J", "\x08", "\r", "\u202e", "\udcff"])
@@ -638,12 +612,18 @@ def test_the_calibration_that_is_read_is_not_replaced(
     [
         *((["--visibility.sigma-m", value], "visibility.sigma_m") for value in ("1e-99", "1e300", "nan", "0", "-1")),
         (["--fusion.inlier-px", "1e300"], "fusion.inlier_px"),
+        (["--projection.sigma-px", "4,5"], "--projection.sigma-px 4,5: write a point, 4.5"),
+        (["--fps=59,94"], "--fps 59,94: write a point, 59.94"),
         (["--solver.max-iterations", "0"], "solver.max_iterations"),
         (["--tracking.max-processes", "-1"], "tracking.max_processes"),
-        (["--frames", "-3"], "--frames"),
+        (["--frames", "0"], "--frames"),
         (["--min-confidence", "7"], "confidence"),
         (["--name", "."], "'.' is no name"),
         (["--config", "nowhere.toml"], "nowhere.toml"),
+        (["--rig", "no/such.toml"], "no/such.toml"),
+        (["--skeleton", "body_99"], "body_99"),
+        (["--skeleton", "coco_17"], "coco_17"),
+        (["--cameras", "cam_01", "cam_09"], "cam_09"),
         (["--cameras", "door"], "Calib"),
     ],
 )
@@ -652,7 +632,7 @@ def test_what_cannot_be_is_refused_by_name_and_writes_nothing(
 ) -> None:
     """Kinds of command lines that ended in a traceback, wrote elsewhere or named nothing."""
     before = sorted(Path.cwd().iterdir())
-    assert named in failure(["smooth", *source, "-o", str(tmp_path / "out"), *options], capsys)
+    assert named in failure(["smooth", *source, "--output", str(tmp_path / "out"), *options], capsys)
     assert list(tmp_path.glob("out/*")) == []
     assert sorted(Path.cwd().iterdir()) == before
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from calibrated_walks import failure
 from rrd_contents import entities
 
 import fgpose
@@ -60,13 +61,6 @@ def source(recording: Path) -> list[str]:
 
 def truth_m(squares: SquaresScene, person: int = 0) -> np.ndarray:
     return np.stack([squares.positions_m(n / FPS, 2)[person] for n in range(N_IMAGES)])
-
-
-def failure(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """The one line of an error, without what was printed before it."""
-    assert main(arguments) == 2
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("fgpose: error: ")]
-    return line
 
 
 @pytest.mark.parametrize("command", ["detect", "run"])

@@ -252,12 +252,13 @@ def test_round_trip(tmp_path: Path, points_m: np.ndarray, extension: str, lens: 
             Camera.from_world_to_camera(name, (800, 600), K, R, np.array([0.1, -0.2, 5]), distortion, lens)
             for name, R in zip(("left", "cam_10", "cam_2"), rotations, strict=True)
         )
-    )
+    ).with_time_offsets(np.array([0.0, 0.0123, -0.05]))
     path = tmp_path / f"rig{extension}"
     save_rig(rig, path)
     loaded = load_rig(path)
     assert loaded.names == rig.names
     assert [camera.lens for camera in loaded.cameras] == [lens] * 3
+    np.testing.assert_array_equal(loaded.time_offsets_s, rig.time_offsets_s)
     assert same_pixels(loaded, rig, points_m)
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
@@ -368,14 +369,6 @@ def test_an_unknown_unit_is_refused():
 def test_any_unit_is_converted(tmp_path: Path, unit: str | float, metres: float):
     document = {f"cam_{i}": camera_table(translation=[i / metres, 0, 4 / metres]) for i in range(2)}
     np.testing.assert_allclose(load_rig(write_toml(tmp_path, document), unit=unit).cameras[1].position_m, [-1, 0, -4])
-
-
-@pytest.mark.parametrize("extension", [".npz", ".toml"])
-def test_time_offsets_go_with_the_calibration(tmp_path: Path, extension: str):
-    offsets_s = np.array([0.0, 0.0123, -0.05, 0.0])
-    path = tmp_path / f"rig{extension}"
-    save_rig(load_rig(POSE2SIM).with_time_offsets(offsets_s), path)
-    np.testing.assert_array_equal(load_rig(path).time_offsets_s, offsets_s)
 
 
 def test_toml_of_synchronous_cameras_has_nothing_that_other_programs_do_not_know(tmp_path: Path):

@@ -459,16 +459,6 @@ def test_our_own_files_of_another_skeleton(tmp_path: Path, rig: CameraRig, exten
     assert "hip" in message
 
 
-@pytest.mark.parametrize("extension", [".npz", ".parquet"])
-@pytest.mark.parametrize("keep", [0, 30, 400, -60])
-def test_our_own_files_damaged(tmp_path: Path, rig: CameraRig, extension: str, keep: int):
-    path = tmp_path / f"recording{extension}"
-    save_observations(recording(), path)
-    path.write_bytes(path.read_bytes()[:keep])
-    message = error_of(path, rig)
-    assert message.count(path.name) == 1
-
-
 def test_a_long_table_of_other_programs(tmp_path: Path, rig: CameraRig):
     rows = [("cam 2", "knee", 8, 0.8, 10.0, 20.0, 0.5), ("cam 1", "hip", 7, 0.7, 30, 40, 0.6)]
     names = ("camera", "joint", "frame", "time_s", "x_px", "y_px", "confidence")
@@ -525,29 +515,6 @@ def test_documents_of_one_format_in_the_shape_of_another_are_refused(tmp_path: P
     assert "not keypoints of MMPose" in error_of(path, rig)
     write_json(path, {"image_id": 0, "keypoints": []})
     assert "not keypoints of MMPose" in error_of(path, rig)
-
-
-@pytest.mark.parametrize(
-    ("name", "array", "message"),
-    [
-        ("joints", np.arange(3), "array joints must be texts"),
-        ("camera_names", np.array([b"a", b"b"]), "array camera_names must be texts"),
-        ("points2d_px", np.full((2, 2, 3, 2), "x"), "array points2d_px must be numbers"),
-        ("points2d_px", np.zeros((2, 2, 3), dtype=bool), "array points2d_px must be numbers"),
-        ("confidence", np.array(1.0), r"array confidence must be \(any, 2, 3\), got \(\)"),
-        ("time_s", np.array(["a", "b"]), "array time_s must be numbers"),
-    ],
-)
-def test_a_member_of_a_recording_of_another_kind_is_named(
-    tmp_path: Path, rig: CameraRig, name: str, array: np.ndarray, message: str
-):
-    path = tmp_path / "seen.npz"
-    seen = Observations(STICK, np.arange(2.0), np.ones((2, 2, 3, 2)), np.ones((2, 2, 3)), camera_names=rig.names)
-    save_observations(seen, path)
-    with np.load(path) as archive:
-        members = dict(archive)
-    np.savez(path, **{**members, name: array})
-    assert re.search(message, error_of(path, rig))
 
 
 def test_the_cameras_of_keypoints_are_known_without_reading_them(tmp_path: Path, rig: CameraRig):

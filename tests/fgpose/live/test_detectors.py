@@ -20,7 +20,7 @@ from fgpose.live.processes.parts import Parts
 from fgpose.monocular.network import People, Tracker
 from fgpose_benchmarks.synthetic import ring_rig
 
-LONG_S = 30.0
+LONG_S = 120.0
 
 
 class Slow:

@@ -37,10 +37,10 @@ DELAY_S = 0.02
 
 @cache
 def scene() -> CrowdScene:
-    """Two people who stay, for 3 s, in four cameras."""
+    """Two people who stay, for 2 s, in four cameras."""
     walks, works = [embedded_motion("cmu_02_01_short")], [embedded_motion("cmu_02_07_a")]
     plan = CrowdPlan(late_share=0.0, leaving_share=0.0, returning_share=0.0)
-    motion = crowd_motion(2, 150, 50.0, walks, works, 2, plan)
+    motion = crowd_motion(2, 100, 50.0, walks, works, 2, plan)
     rig = ring_rig(4, 5.0, 2.7, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
     return simulate_crowd(motion, rig, DetectionNoise(), Occlusion(), CrowdErrors(), 2)
 

@@ -62,7 +62,7 @@ def ask(page: StatusPage, path: str, method: str = "GET", **headers: str) -> tup
 
 def wait_for(page: StatusPage, path: str) -> bytes:
     """Content that changes is renewed every 0.4 s."""
-    for _ in range(100):
+    for _ in range(1200):
         status, body, _ = ask(page, path)
         if status == 200:
             return body

@@ -33,7 +33,7 @@ from fgpose.live.tracking.observed import volume_points_m
 from fgpose.skeleton import Skeleton
 
 # A long time: nothing here waits for it unless something is wrong.
-LONG_S = 30.0
+LONG_S = 120.0
 
 
 @pytest.mark.parametrize("ends", [ValueError("of a message"), SystemExit(3), MemoryError(), None])

@@ -219,7 +219,7 @@ def test_a_network_camera_with_every_fault() -> None:
         watched.until(lambda: watched.has_said(CameraState.OK))
 
         network.mode = "hangs"
-        watched.until(lambda: watched.has_said(CameraState.LOST, "no image comes"))
+        # That it is lost until then is in test_health: here nobody may have looked meanwhile.
         watched.until(lambda: watched.has_said(CameraState.RECONNECTING, "nothing came for 1 s"))
         network.mode = "plays"
         watched.until(lambda: watched.state() is not CameraState.RECONNECTING)

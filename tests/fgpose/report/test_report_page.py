@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import re
+import shutil
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -183,11 +185,12 @@ def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_pat
 
     assert walk.rig is not None
     moments = worst_moments(walk)[:2]
-    for name in walk.rig.names:
-        folder = tmp_path / name
-        folder.mkdir()
-        for frame in range(max(moment.frame for moment in moments) + 1):
-            cv2.imwrite(str(folder / f"{frame:04}.png"), np.full((1000, 1000, 3), frame % 250, np.uint8))
+    first, *others = (tmp_path / name for name in walk.rig.names)
+    first.mkdir()
+    for frame in range(max(moment.frame for moment in moments) + 1):
+        cv2.imwrite(str(first / f"{frame:04}.png"), np.full((1000, 1000, 3), frame % 250, np.uint8))
+    for other in others:
+        shutil.copytree(first, other, copy_function=os.link)
     with pytest.raises(ValueError, match="frames per second"):
         pictures(replace(walk, videos=tmp_path), moments)
     found = pictures(replace(walk, videos=tmp_path, images_hz=FPS), moments)

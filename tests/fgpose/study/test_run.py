@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, cast
 
@@ -23,7 +23,7 @@ from distributed.comm.core import connect
 
 from fgpose.study import Plan, RecordingOutcome, StudyResult, cluster, load_study, process, run_study
 from fgpose.study.cluster import SchedulerLostError, Stream, workers
-from fgpose.study.study import Resources
+from fgpose.study.study import Resources, Study
 
 ROOT = Path(__file__).parents[3]
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "factors")))}
@@ -45,8 +45,23 @@ EVENTS = "subject\ttrial\tevent\ttime_s\tside\nS01\trun\tgo\t0.1\tleft\nS02\trun
 
 
 @pytest.fixture(scope="module")
-def finished(study_source: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StudyResult]:
-    """Two workers; of the four recordings one is truncated, one a copy, and one has no calibration."""
+def client() -> Iterator[distributed.Client]:
+    """Two workers for several tests: to start them takes longer than what they do."""
+    with workers(Resources(workers=2)) as client:
+        yield client
+
+
+def run_with(client: distributed.Client, study: Study, **options: Any) -> StudyResult:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fgpose.study.run.workers", lambda resources, scheduler: nullcontext(client))
+        return run_study(study, **options)
+
+
+@pytest.fixture(scope="module")
+def finished(
+    client: distributed.Client, study_source: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, StudyResult]:
+    """Of the four recordings one is truncated, one a copy, and one has no calibration."""
     folder = tmp_path_factory.mktemp("finished") / "data"
     shutil.copytree(study_source, folder)
     walk = folder / "S01" / "A" / "walk.npz"
@@ -57,7 +72,7 @@ def finished(study_source: Path, tmp_path_factory: pytest.TempPathFactory) -> tu
     (folder / "events.tsv").write_text(EVENTS)
     file = folder / "study.toml"
     file.write_text(file.read_text().replace("[steps]", 'events = "events.tsv"\n[steps]'))
-    return file, run_study(load_study(file), n_workers=2)
+    return file, run_with(client, load_study(file))
 
 
 def test_what_fails_is_named_and_the_rest_is_done(finished: tuple[Path, StudyResult]) -> None:
@@ -147,31 +162,17 @@ def test_results_are_the_same_in_any_order(finished: tuple[Path, StudyResult], t
     assert len(found) - len(notes) == 6
 
 
-def test_parts_of_what_is_gone_are_removed(finished: tuple[Path, StudyResult], tmp_path: Path) -> None:
+def test_parts_of_what_is_gone_are_removed(
+    finished: tuple[Path, StudyResult], client: distributed.Client, tmp_path: Path
+) -> None:
     file, _ = finished
     shutil.copytree(file.parent, tmp_path / "data")
     study = load_study(tmp_path / "data" / "study.toml")
     (study.root / "S02" / "A" / "walk.npz").unlink()
     (study.root / "S01" / "A" / "run.npz").write_bytes(b"")
-    result = run_study(study, n_workers=1)
+    result = run_with(client, study)
     assert result.counts == {"unchanged": 1, "failed": 3}
     assert [file.name for file in (study.output / "motion").rglob("*.parquet")] == ["run.parquet"]
-
-
-def test_a_worker_that_dies_is_replaced_and_its_recording_tried_once_more(study_file: Path) -> None:
-    study = load_study(study_file)
-    study.output.mkdir()
-    with workers(Resources(workers=2)) as client:
-        outcomes = list(Stream(client, study, iter(Plan(study)), study_work.dies_at_walks).outcomes())
-    statuses = {outcome.recording.key: outcome.status for outcome in outcomes}
-    assert statuses == {"S01/A/run": "done", "S01/A/walk": "failed", "S02/A/run": "done", "S02/A/walk": "done"}
-    (reason,) = (outcome.reason for outcome in outcomes if outcome.status == "failed")
-    assert "its worker died" in reason
-    tried = {path.name: len(path.read_text().splitlines()) for path in study.output.iterdir() if path.is_file()}
-    # Another that was at the worker that died is tried once more as well.
-    assert tried.pop("S01_walk") == 2
-    assert tried.keys() == {"S01_run", "S02_run", "S02_walk"}
-    assert max(tried.values()) <= 2
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(study_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,31 +183,47 @@ def test_a_scheduler_that_does_not_answer_is_an_error(study_file: Path, monkeypa
         run_study(load_study(study_file), scheduler="nonsense://x")
 
 
-def test_two_studies_do_not_write_into_one_folder(study_file: Path) -> None:
+def test_two_studies_do_not_write_into_one_folder(study_file: Path, client: distributed.Client) -> None:
     study = load_study(study_file)
 
     def run_again(outcome: RecordingOutcome) -> None:
         with pytest.raises(OSError, match="another fgpose study is at work"):
-            run_study(study, n_workers=1)
+            run_study(study)
 
-    assert run_study(study, n_workers=1, only="S01/A/run", on_outcome=run_again).counts == {"done": 1}
+    assert run_with(client, study, only="S01/A/run", on_outcome=run_again).counts == {"done": 1}
     rows = pq.read_table(study.output / "quality.parquet")["status"].to_pylist()
     assert rows == ["done", "not done", "not done", "not done"]
 
 
-def test_another_user_of_the_machine_does_not_reach_the_workers() -> None:
+def test_another_user_of_the_machine_does_not_reach_the_workers(client: distributed.Client) -> None:
     """Whoever reaches a scheduler or a worker runs code as the one who began the study."""
-    with workers(Resources(workers=1)) as client:
-        served = [cast(Any, client.scheduler).address, *cast(dict[str, int], client.nthreads())]
-        assert all(address.startswith("tls://127.0.0.1:") for address in served)
-        for address in served:
-            plain = address.replace("tls:", "tcp:")
-            others = distributed.Security(), distributed.Security.temporary()
-            for address_tried, credentials in zip((plain, address), others, strict=True):
-                # Without the threads of a client, which may begin too late for it on a busy machine.
-                arguments = credentials.get_connection_args("client")
-                with pytest.raises(OSError, match=r"TLS|imed out|reset|losed"):
-                    asyncio.run(connect(address_tried, timeout=0.5, **arguments))
+    served = [cast(Any, client.scheduler).address, next(iter(cast(dict[str, int], client.nthreads())))]
+    assert all(address.startswith("tls://127.0.0.1:") for address in served)
+    for address in served:
+        plain = address.replace("tls:", "tcp:")
+        others = distributed.Security(), distributed.Security.temporary()
+        for address_tried, credentials in zip((plain, address), others, strict=True):
+            # Without the threads of a client, which may begin too late for it on a busy machine.
+            arguments = credentials.get_connection_args("client")
+            with pytest.raises(OSError, match=r"TLS|imed out|reset|losed"):
+                asyncio.run(connect(address_tried, timeout=0.5, **arguments))
+
+
+def test_a_worker_that_dies_is_replaced_and_its_recording_tried_once_more(
+    study_file: Path, client: distributed.Client
+) -> None:
+    study = load_study(study_file)
+    study.output.mkdir()
+    outcomes = list(Stream(client, study, iter(Plan(study)), study_work.dies_at_walks).outcomes())
+    statuses = {outcome.recording.key: outcome.status for outcome in outcomes}
+    assert statuses == {"S01/A/run": "done", "S01/A/walk": "failed", "S02/A/run": "done", "S02/A/walk": "done"}
+    (reason,) = (outcome.reason for outcome in outcomes if outcome.status == "failed")
+    assert "its worker died" in reason
+    tried = {path.name: len(path.read_text().splitlines()) for path in study.output.iterdir() if path.is_file()}
+    # Another that was at the worker that died is tried once more as well.
+    assert tried.pop("S01_walk") == 2
+    assert tried.keys() == {"S01_run", "S02_run", "S02_walk"}
+    assert max(tried.values()) <= 2
 
 
 def test_a_lock_that_leads_elsewhere_empties_nothing(study_file: Path, tmp_path: Path) -> None:

@@ -46,10 +46,11 @@ def test_a_recording_is_mended() -> None:
 
 def test_a_bumped_camera_becomes_two() -> None:
     truth_m = walk_m(3)
-    seen = bumped(filmed(truth_m), 1, 2.0, 420, truth_m)
-    changed = with_changes(RIG, find_changes([seen], RIG).changes, poses=True, clocks=True)
+    given = RIG.subset(RIG.names[:3])
+    seen = bumped(filmed(truth_m), 1, 2.0, 420, truth_m).subset(given.names)
+    changed = with_changes(given, find_changes([seen], given).changes, poses=True, clocks=True)
     together, rig = on_common_clock(seen, changed)
-    assert rig.names == ("ring_0", "ring_1", "ring_1@14.0s", "ring_2", "ring_3")
+    assert rig.names == ("ring_0", "ring_1", "ring_1@14.0s", "ring_2")
     assert together.n_frames == seen.n_frames
     in_both = together.seen[:, 1].any(axis=1) & together.seen[:, 2].any(axis=1)
     assert not in_both.any()

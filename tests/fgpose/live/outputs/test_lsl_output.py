@@ -22,7 +22,7 @@ from tests.fgpose.live.output_frames import SKELETON, frame, person, wait_until
 
 # Of streams: other tests may run at the same time.
 NAME = f"fgpose test {os.getpid()}"
-TIMEOUT_S = 20.0
+TIMEOUT_S = 120.0
 
 
 @contextmanager

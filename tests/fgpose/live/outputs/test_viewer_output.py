@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -316,6 +318,8 @@ def test_the_file_is_whole_when_the_system_is_killed(tmp_path: Path) -> None:
 
 
 def test_what_a_full_disk_has_taken_is_kept_under_another_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The first moment is flushed, the others when it is asked for.
+    monkeypatch.setattr("fgpose.live.outputs.viewer_process.time", SimpleNamespace(monotonic=lambda: 0.0))
     disk, earlier = FullDisk(tmp_path, monkeypatch), tmp_path / "live.rrd"
     earlier.write_text("the recording of the day before")
     recording = open_system_recording(earlier, RIG, SKELETON)
@@ -323,8 +327,13 @@ def test_what_a_full_disk_has_taken_is_kept_under_another_name(tmp_path: Path, m
     assert shower.show(FrameToShow(frame(0, ()), {}, [], {}, [])) == 0
     assert shower.show(FrameToShow(frame(1, ()), {}, [], {}, [])) == 1
     recording.flush()
+    # What is flushed may still be in the pipe to the thread that writes.
+    wait_until(lambda: any(path.stat().st_size for path in tmp_path.iterdir() if path != earlier))
     disk.is_full = True
     shower.show(FrameToShow(frame(2, ()), {}, [], {}, []))
+    with suppress(NotWrittenError):
+        recording.flush()
+    wait_until(lambda: disk.n_refused)
     with pytest.raises(NotWrittenError, match=f"cannot write {earlier}: No space left"):
         recording.flush()
     with pytest.raises(NotWrittenError, match="No space left"):

@@ -19,7 +19,7 @@ from fgpose.live.outputs.zmq_output import ZmqSink
 from tests.fgpose.live.output_frames import SKELETON, assert_same_frame, frame, free_port
 
 # Enough for a loaded computer; what is not there by then does not come.
-TIMEOUT_MS = 20_000
+TIMEOUT_MS = 120_000
 
 
 @contextmanager
