@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.changes.rays import Rays
+from fgpose_factors.robust_statistics import robust_sigma
 
 BLOCK_S = 1.0
 """Errors of detections are correlated over 0.15 s: blocks of a second are independent of each other."""
@@ -217,7 +218,7 @@ def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks) -> flo
         if known.max(initial=0) >= _MIN_SEEN:
             middle = np.take_along_axis(own, np.maximum(known - 1, 0)[:, None] // 2, axis=1)[:, 0]
             least.append(middle[known >= 0.5 * known.max()].min())
-    return max(1.4826 * float(np.median(least)), 1e-4) if least else 1.0
+    return max(robust_sigma(np.array(least)), 1e-4) if least else 1.0
 
 
 def _by_block(

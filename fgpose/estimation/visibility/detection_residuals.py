@@ -21,6 +21,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.skeleton import Skeleton
 from fgpose_factors import robust_weight
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH
 
 # So many independent measurements outweigh the prior spread: of all cameras, and of one camera against all.
 PRIOR_MEASUREMENTS, PRIOR_MEASUREMENTS_OF_CAMERA = 30.0, 50.0
@@ -39,8 +40,6 @@ _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
 # Where less of the variance of a detection is left in its residual, that is of the pose rather than of the detection.
 _LEAST_REDUNDANCY = 0.2
-# Median length of a two-dimensional normal error of standard deviation 1 per axis.
-_MEDIAN_LENGTH = 1.1774
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +141,7 @@ class DetectionResiduals:
     @property
     def single_spread_m(self) -> Float[np.ndarray, "frame camera joint"]:
         """What each detection alone says for the spread: half of those of a normal error say less."""
-        return self.length_m / np.sqrt(np.where(self.tells, self.redundancy, 1.0)) / _MEDIAN_LENGTH
+        return self.length_m / np.sqrt(np.where(self.tells, self.redundancy, 1.0)) / MEDIAN_LENGTH
 
     def spread_m(self, prior_m: float, independent: float) -> Float[np.ndarray, " camera"]:
         """Standard deviation of the visible detections of each camera, along each axis of the image, at the joint.

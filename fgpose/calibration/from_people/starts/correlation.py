@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ, MotionSignals
+from fgpose_factors.robust_statistics import robust_sigma
 
 # Two tracks that have less in common say nothing: a quarter of the shorter one, and of short ones more.
 _MIN_SHARE = 0.25
@@ -95,5 +96,5 @@ def _n_common(first: MotionSignals, second: MotionSignals) -> int:
 
 def _chance(score: Float[np.ndarray, " shift"]) -> float:
     """Robust standard deviation of scores around 0."""
-    spread = 1.4826 * float(np.median(np.abs(score))) if score.size else 0.0
+    spread = robust_sigma(score) if score.size else 0.0
     return spread if spread > 1e-6 else 1.0

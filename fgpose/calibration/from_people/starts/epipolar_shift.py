@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.from_people.starts.clocks import ClockShift
 from fgpose.calibration.from_people.starts.views import HALF_STRIDE_S, View
 from fgpose.sampling import spread_evenly
+from fgpose_factors.robust_statistics import CAUCHY_SCALE, SIGMA_OF_MEDIAN
 
 SPREAD = 0.05
 """25 mm at a body of 0.5 m radius: what detectors miss a joint by, biases included."""
@@ -267,7 +268,7 @@ class _Linearized:
         """Of the residual and its swinging part, relative to the widths of the kernels: 95 % efficient for the errors
         as they are (Cauchy)."""
         both = np.stack([self.residual, self.swinging])
-        widths = 2.385 * 1.4826 * np.median(np.abs(both), axis=1, keepdims=True)
+        widths = CAUCHY_SCALE * SIGMA_OF_MEDIAN * np.median(np.abs(both), axis=1, keepdims=True)
         return (both / np.maximum(widths, 1e-9)) ** 2
 
     def _information(self, weights: Float[np.ndarray, "kind point"]) -> Float[np.ndarray, "9 9"]:

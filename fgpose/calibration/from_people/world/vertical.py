@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.calibration.from_people.world.steps import Steps
 from fgpose.kinematics.vertical import geometric_median
+from fgpose_factors.robust_statistics import CAUCHY_SCALE, MEDIAN_LENGTH, robust_sigma
 
 # Of the axis from ankles to head over a walk, forwards and to the side, radians: 3 degrees, as single frames are off.
 _LEAN_SIGMA = np.deg2rad(3.0)
@@ -134,7 +135,7 @@ def _normal(
         fit = np.linalg.lstsq(normal[:, :-1], normal[:, -1], rcond=1e-9)[0]
         residual = np.linalg.norm(values - rows @ fit, axis=1)
         sigma = max(least_sigma, _robust_sigma(residual, values.shape[1]))
-        weights = 1 / (1 + (residual / (2.4 * sigma)) ** 2)  # 95 % efficient for Gaussian errors
+        weights = 1 / (1 + (residual / (CAUCHY_SCALE * sigma)) ** 2)
         normal = _weighted(rows, values, weights)
     return normal * count / sigma**2
 
@@ -145,8 +146,8 @@ def _weighted(rows: np.ndarray, values: np.ndarray, weights: Float[np.ndarray, "
 
 
 def _robust_sigma(length: Float[np.ndarray, " row"], n_axes: int) -> float:
-    """Per axis, from the median of the lengths of Gaussian vectors: 0.674 sigma in one dimension, 1.177 in two."""
-    return float(np.median(length)) / (0.6745 if n_axes == 1 else 1.1774)
+    """Per axis, from the lengths of Gaussian vectors."""
+    return robust_sigma(length) if n_axes == 1 else float(np.median(length)) / MEDIAN_LENGTH
 
 
 def is_upright(
