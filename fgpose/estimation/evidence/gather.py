@@ -134,7 +134,7 @@ def _without_depths(
         rig.in_own_px(config.fusion.inlier_px),
     ).positions_m
     triangulated_m[(np.abs(triangulated_m) > FARTHEST_M).any(axis=-1)] = np.nan
-    fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
+    fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config)
     guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
     no_view = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
     nowhere = no_view[..., None].repeat(3, axis=-1)

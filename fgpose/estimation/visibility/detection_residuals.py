@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import CORRELATED_FACTOR, shrunk, surely_positive
+from fgpose.estimation.noise import CORRELATED_FACTOR, LEAST_SPREAD_M, shrunk, surely_positive
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.skeleton import Skeleton
@@ -25,7 +25,6 @@ from fgpose_factors.robust_statistics import MEDIAN_LENGTH
 
 # So many independent measurements outweigh the prior spread: of all cameras, and of one camera against all.
 PRIOR_MEASUREMENTS, PRIOR_MEASUREMENTS_OF_CAMERA = 30.0, 50.0
-LEAST_SPREAD_M = 0.002
 
 # The numbers below were chosen on the tuning clips of the benchmark, standard family. Twice or half of each changes the
 # mean errors there by less than 2 %, with two cameras 4 %.
