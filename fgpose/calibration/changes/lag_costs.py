@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.changes.rays import Rays
+from fgpose.estimation.noise import CORRELATION_S
 from fgpose_factors.robust_statistics import robust_sigma
 
 BLOCK_S = 1.0
@@ -22,13 +23,13 @@ BLOCK_S = 1.0
 _MAX_BLOCKS = 300
 # Of rays of two cameras that are compared at one lag: bounds the time.
 _MAX_COMPARED = 3e5
-_CORRELATION_S = 0.15
-# Errors of detections are correlated over 0.15 s.
-_SAMPLE_HZ = 10.0
+_SAMPLE_HZ = 10.0  # not much more than errors of detections are independent
 # A lag is known to a fraction of a step: costs are interpolated.
 PER_STEP = 4
 KERNEL = 2.0
 """Scale of the Cauchy kernel, in standard deviations of the angles between rays that meet."""
+LEAST_GAIN = 20.0
+"""In-sample, below which the blocks that did not enter need not be asked."""
 # Of the directions in which cameras see people, and of the people, root mean square.
 _WALKS_RAD, _WALKS_M = 0.08, 0.3
 # Of the joints that move most, in half a second, in standard deviations of the angles between rays that meet: who
@@ -171,7 +172,7 @@ def robust(angle: Float[np.ndarray, "*shape"], scale: float) -> Float[np.ndarray
 def independent(blocks: Blocks) -> float:
     """By how much the samples of a block count, as their errors are correlated."""
     per_block = len(blocks.index) / blocks.n_blocks
-    return min(1.0, blocks.length_s / _CORRELATION_S / per_block)
+    return min(1.0, blocks.length_s / CORRELATION_S / per_block)
 
 
 def lag_costs(rays: Rays, blocks: Blocks, n_lags: int) -> LagCosts:

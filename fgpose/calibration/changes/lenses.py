@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
-from fgpose.calibration.changes.lag_costs import KERNEL, LagCosts, angle, independent, robust
+from fgpose.calibration.changes.lag_costs import KERNEL, LEAST_GAIN, LagCosts, angle, independent, robust
 from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import shifted, stretched, zoomed
@@ -21,10 +21,7 @@ _SHIFTS = np.linspace(-0.24, 0.24, 13)
 _DISTORTIONS = np.linspace(-0.42, 0.42, 13)  # of k1: action cameras have -0.4
 _K2 = 1.2  # k2 over the square of k1 of wide lenses; equidistant ones have 1.8
 _STEP = 0.02  # of the value, for derivatives
-# In-sample gain below which the blocks that did not enter need not be asked.
-_LEAST_GAIN = 20.0
 _LOST = 5.0  # whitened angle of a ray that another lens cannot have seen
-_FIVE = 5  # coefficients: k1 k2 p1 p2 k3
 
 
 class Lens(Enum):
@@ -62,9 +59,9 @@ class Lens(Enum):
         if self is Lens.DISTORTION:
             return not distorts and not fisheye
         if self is Lens.ORDER:
-            return not fisheye and len(camera.distortion) == _FIVE and distorts
+            return not fisheye and len(camera.distortion) == 5 and distorts  # k1 k2 p1 p2 k3
         if self is Lens.FISHEYE:
-            return not fisheye and distorts and len(camera.distortion) in (4, _FIVE)
+            return not fisheye and distorts and len(camera.distortion) in (4, 5)
         if self is Lens.PINHOLE:
             return fisheye
         return distorts or fisheye if self in (Lens.NONE_LEFT, Lens.SIGN) else True
@@ -254,7 +251,7 @@ def _promising(
             information[g] += np.sum(weight * slope**2)
             gradient[g] += np.sum(weight * slope * np.nan_to_num(still))
     gain = 0.5 * gradient**2 / np.maximum(information, 1e-12)
-    yield from (group for group, better in zip(groups, gain.tolist(), strict=True) if better > _LEAST_GAIN)
+    yield from (group for group, better in zip(groups, gain.tolist(), strict=True) if better > LEAST_GAIN)
 
 
 def _fitted(lens: Lens, group: tuple[int, ...], pairs: list[_Pair], seen: list[_Seen], costs: LagCosts) -> LensFit:

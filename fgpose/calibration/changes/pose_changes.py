@@ -13,6 +13,7 @@ from fgpose.calibration.changes.change import Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
 from fgpose.calibration.changes.lag_costs import (
     KERNEL,
+    LEAST_GAIN,
     Blocks,
     LagCosts,
     angle,
@@ -22,14 +23,11 @@ from fgpose.calibration.changes.lag_costs import (
     robust,
 )
 from fgpose.calibration.changes.rays import Rays
+from fgpose.config import CalibrationConfig
 
 # Weak: what is bumped turns by degrees and moves by centimetres.
 _SIGMAS = np.repeat([np.deg2rad(2.0), 0.05], 3)
 _ROUNDS = 5
-# As fgpose.calibration.used_parts: the errors of a network on one person in one view are correlated.
-_INDEPENDENT_MEASUREMENTS = 50.0
-# In-sample gain below which the blocks that did not enter need not be asked.
-_LEAST_GAIN = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +105,7 @@ class _Views:
     def independent(self, used: Bool[np.ndarray, " block"]) -> float:
         """By how much the angles in these blocks count against the prior."""
         total = float(self.weight[:, used[self.blocks.block]].sum())
-        return min(1.0, _INDEPENDENT_MEASUREMENTS * len(self.scale) / max(total, 1.0))
+        return min(1.0, CalibrationConfig().independent_measurements * len(self.scale) / max(total, 1.0))
 
     def cost(self, angles: Float[np.ndarray, "other sample joint"]) -> Float[np.ndarray, " block"]:
         known = self.weight > 0
@@ -157,7 +155,7 @@ def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
     before = views.cost(views.angles(still))
     width = max(1.0, _typical(views.angles(still), views.weight))
     whole = views.equations(still, width)
-    if max(_in_sample(*whole, told, until=until).max() for until in (False, True)) < _LEAST_GAIN:
+    if max(_in_sample(*whole, told, until=until).max() for until in (False, True)) < LEAST_GAIN:
         return []
     found = [_fitted(Kind.MOVED, np.ones(len(told), dtype=bool), views, told, before, width)]
     for until in (False, True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.from_people.walk import Walk
@@ -15,6 +15,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import spread_evenly, usual_step_s
 from fgpose.skeleton import Skeleton
 
+INLIER_SHARE = 0.2
+"""Of the body's radius: joints of views that are further apart are not those of one person."""
 # Joints move almost uniformly for so long before and after a frame, and their errors are correlated over longer: wider
 # windows follow the swing of a limb less, narrower ones are noisier.
 _VELOCITY_S = 0.11
@@ -74,7 +76,7 @@ def frames_of_use(walk: Walk, joints: Int[np.ndarray, " joint"], at_most: int) -
     Raises:
         ValueError: there is none.
     """
-    seen = _seen(walk)[:, :, joints]
+    seen = walk.seen[:, :, joints]
     useful = np.flatnonzero((seen.sum(axis=1) >= 2).any(axis=1))
     if not useful.size:
         raise ValueError("the cameras cannot be calibrated: no two of them see the walker at the same time")
@@ -102,10 +104,6 @@ def body_radius_px(points_px: Float[np.ndarray, "frame joint 2"]) -> float:
     return float(np.median(radius_px[count >= 2])) if (count >= 2).any() else np.nan
 
 
-def _seen(walk: Walk) -> Bool[np.ndarray, "frame camera joint"]:
-    return np.isfinite(walk.points2d_px).all(axis=-1) & (walk.confidence > 0)
-
-
 def _moving(
     walk: Walk, rig: CameraRig, frames: Int[np.ndarray, " frame"], joints: Int[np.ndarray, " joint"]
 ) -> tuple[Float[np.ndarray, "frame camera joint 2"], Float[np.ndarray, "frame camera joint 2"]]:
@@ -114,7 +112,7 @@ def _moving(
     around = np.clip(frames[:, None] + np.arange(-reach, reach + 1), 0, len(walk.time_s) - 1)
     window, place = np.unique(around, return_inverse=True)
     place = place.reshape(around.shape)
-    points_px = np.where(_seen(walk)[window][..., None], walk.points2d_px[window], np.nan)[:, :, joints]
+    points_px = np.where(walk.seen[window][..., None], walk.points2d_px[window], np.nan)[:, :, joints]
     points_px = rig.undistort(points_px)
     lag_s = walk.time_s[around] - walk.time_s[frames][:, None]
     near = (np.abs(lag_s) <= _VELOCITY_S) & np.append(np.ones((len(frames), 1), bool), np.diff(around) > 0, axis=1)

@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.estimation.evidence.presence import MIN_JOINTS
+
 _ITERATIONS = 20  # of the reweighting, which changes the rotation by less than 0.1 degrees after ten
-_LEAST_FRAMES, _LEAST_JOINTS = 3, 4
+_LEAST_FRAMES = 3
 _LEAST_ERROR_M = 0.01  # of a frame, whose weight is 1 / error; networks are not better
 
 
@@ -30,7 +32,7 @@ def procrustes_pose(
         None where both see too little at the same time.
     """
     known = np.asarray(np.isfinite(first_m).all(axis=-1) & np.isfinite(second_m).all(axis=-1))
-    enough = known.sum(axis=1) >= _LEAST_JOINTS
+    enough = known.sum(axis=1) >= MIN_JOINTS
     if enough.sum() < _LEAST_FRAMES:
         return None
     known = known[enough]

@@ -16,9 +16,10 @@ from jaxtyping import Float
 
 from fgpose.calibration.from_people.rig.procrustes import angle_deg
 
+LEAST_POINTS = 30
+"""That two cameras see in common; fewer do not tell how they stand to each other."""
 _RUNS = 8
 _MAX_POINTS = 1500  # for each proposal; thrice as many change no result by a tenth of its error
-_LEAST_POINTS = 30
 _SHARE = 0.5  # of the frames for each run
 _CONFIDENCE = 0.999
 _MAX_ITERATIONS = 2000  # at 30 % inliers the five-point method needs 2,800 for the confidence, at 40 % 670
@@ -60,7 +61,7 @@ def relative_poses(
         An empty list where both cameras see too little at the same time.
     """
     known = np.asarray(np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1))
-    if known.sum() < _LEAST_POINTS:
+    if known.sum() < LEAST_POINTS:
         return []
     judged = _some(known, rng)
     points = first[judged], second[judged]
@@ -91,7 +92,7 @@ def _proposals(
     for run in range(_RUNS):
         drawn = rng.random(n_frames) < (1.0 if run == 0 else _SHARE)
         used = _some(known & drawn[:, None], rng)
-        if used.sum() < _LEAST_POINTS:
+        if used.sum() < LEAST_POINTS:
             continue
         pair = np.ascontiguousarray(first[used]), np.ascontiguousarray(second[used])
         E, inliers = cv2.findEssentialMat(*pair, np.eye(3), cv2.USAC_MAGSAC, _CONFIDENCE, tolerance, _MAX_ITERATIONS)
