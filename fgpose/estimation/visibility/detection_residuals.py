@@ -21,7 +21,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.skeleton import Skeleton
 from fgpose_factors import robust_weight
-from fgpose_factors.robust_statistics import MEDIAN_LENGTH
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH, weighted_median
 
 # So many independent measurements outweigh the prior spread: of all cameras, and of one camera against all.
 PRIOR_MEASUREMENTS, PRIOR_MEASUREMENTS_OF_CAMERA = 30.0, 50.0
@@ -154,7 +154,7 @@ class DetectionResiduals:
             if not which.any():
                 return prior_m
             measurements = independent * float(self.weights[which].sum())
-            own_m = max(_weighted_median(single_m[which], self.weights[which]), LEAST_SPREAD_M)
+            own_m = max(weighted_median(single_m[which], self.weights[which]), LEAST_SPREAD_M)
             return float(shrunk(own_m, measurements, prior_m, prior_measurements))
 
         tells, single_m = self.tells, self.single_spread_m
@@ -314,12 +314,6 @@ def _share_of_others(skeleton: Skeleton) -> Float[np.ndarray, "joint joint"]:
         shares[joint, mirrored] += _MIRRORED_SHARE
     np.fill_diagonal(shares, 0.0)
     return shares
-
-
-def _weighted_median(values: Float[np.ndarray, " value"], weights: Float[np.ndarray, " value"]) -> float:
-    order = np.argsort(values)
-    cumulated = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(cumulated, cumulated[-1] / 2)])
 
 
 def _log_density(

@@ -8,12 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.adjustment.sightings import Sightings
+from fgpose.calibration.from_people.body_size import body_radius
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.estimation.evidence.weights import LEAST_WEIGHT
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import spread_evenly, usual_step_s
 from fgpose.skeleton import Skeleton
+from fgpose_factors.robust_statistics import known_median
 
 INLIER_SHARE = 0.2
 """Of the body's radius: joints of views that are further apart are not those of one person."""
@@ -93,15 +95,8 @@ def frames_of(walk: Walk, frames: Int[np.ndarray, " used"]) -> Walk:
 
 
 def body_radius_px(points_px: Float[np.ndarray, "frame joint 2"]) -> float:
-    """How large the walker is in an image: root mean square distance of the joints from their centre, median over
-    frames; NaN where fewer than two joints are seen."""
-    known = np.asarray(np.isfinite(points_px).all(axis=-1))
-    count = known.sum(axis=1)
-    points_px = np.where(known[..., None], points_px, 0.0)
-    centre_px = points_px.sum(axis=1) / np.maximum(count, 1)[:, None]
-    squared_px2 = np.sum((points_px - centre_px[:, None]) ** 2, axis=-1)
-    radius_px = np.sqrt(np.sum(np.where(known, squared_px2, 0.0), axis=1) / np.maximum(count, 1))
-    return float(np.median(radius_px[count >= 2])) if (count >= 2).any() else np.nan
+    """How large the walker is in an image: median over frames; NaN where fewer than two joints are seen."""
+    return known_median(body_radius(points_px))
 
 
 def _moving(

@@ -7,8 +7,9 @@ solutions by 30 and more.
 
 from __future__ import annotations
 
+import gtsam
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 
@@ -36,12 +37,12 @@ def procrustes_pose(
     if enough.sum() < _LEAST_FRAMES:
         return None
     known = known[enough]
-    first_m, first_mean_m = _centred(first_m[enough], known)
-    second_m, second_mean_m = _centred(second_m[enough], known)
+    first_m, first_mean_m = centred(first_m[enough], known)
+    second_m, second_mean_m = centred(second_m[enough], known)
     products = np.einsum("tja,tjb->tab", first_m, second_m)
     R, weights = np.eye(3), np.ones(len(products))
     for _ in range(_ITERATIONS):
-        R = nearest_rotation(np.einsum("t,tab->ab", weights, products))
+        R = gtsam.Rot3.ClosestTo(np.einsum("t,tab->ab", weights, products)).matrix()
         squared_m2 = np.sum((first_m - second_m @ R.T) ** 2, axis=(1, 2)) / known.sum(axis=1)
         weights = 1 / np.maximum(np.sqrt(squared_m2), _LEAST_ERROR_M)
     first_T_second = np.eye(4)
@@ -50,21 +51,10 @@ def procrustes_pose(
     return first_T_second
 
 
-def nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """The rotation that maximises trace(R' M) (Kabsch 1976)."""
-    u, _, vt = np.linalg.svd(matrix)
-    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-
-
-def angle_deg(first: Float[np.ndarray, "3 3"], second: Float[np.ndarray, "3 3"]) -> float:
-    """Between two rotations."""
-    cosine = (np.trace(first.T @ second) - 1) / 2
-    return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
-
-
-def _centred(
-    points_m: Float[np.ndarray, "frame joint 3"], known: np.ndarray
+def centred(
+    points_m: Float[np.ndarray, "frame joint 3"], known: Bool[np.ndarray, "frame joint"]
 ) -> tuple[Float[np.ndarray, "frame joint 3"], Float[np.ndarray, "frame 3"]]:
+    """Joints around the middle of those that are known in the frame, zero where it is not known; and the middle."""
     points_m = np.where(known[..., None], points_m, 0.0)
-    mean_m = points_m.sum(axis=1) / known.sum(axis=1)[:, None]
+    mean_m = points_m.sum(axis=1) / np.maximum(known.sum(axis=1), 1)[:, None]
     return np.where(known[..., None], points_m - mean_m[:, None], 0.0), mean_m

@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.assessment.rigs import angle_deg
 from fgpose.calibration.from_people.rig.evidence import (
     INLIER_SHARE,
     Evidence,
@@ -22,7 +23,7 @@ from fgpose.calibration.from_people.rig.evidence import (
     evidence_of,
     frames_of,
 )
-from fgpose.calibration.from_people.rig.procrustes import angle_deg, procrustes_pose
+from fgpose.calibration.from_people.rig.procrustes import procrustes_pose
 from fgpose.calibration.from_people.rig.relative_pose import LEAST_POINTS, RelativePose, relative_poses
 from fgpose.calibration.from_people.rig.unit import unit_of
 from fgpose.calibration.from_people.walk import Walk

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.starts.clocks import ClockShift
 from fgpose.calibration.from_people.starts.views import HALF_STRIDE_S, View
+from fgpose.geometry.epipolar_distance import sampson_errors
 from fgpose.sampling import spread_evenly
 from fgpose_factors.robust_statistics import CAUCHY_SCALE, SIGMA_OF_MEDIAN
 
@@ -204,16 +205,6 @@ def _robust_geometry(points: _Points) -> _Geometry | None:
         return None
     scale = np.diag([1 / unit, 1 / unit, 1.0])
     return _Geometry.of(scale @ F @ scale)
-
-
-def sampson_errors(
-    F: Float[np.ndarray, "3 3"], first: Float[np.ndarray, "point 2"], second: Float[np.ndarray, "point 2"]
-) -> Float[np.ndarray, " point"]:
-    """Signed; of errors that are alike in both images, the standard deviation of one coordinate."""
-    line, other_line = first @ F[:, :2].T + F[:, 2], second @ F[:2] + F[2]
-    algebraic = second[:, 0] * line[:, 0] + second[:, 1] * line[:, 1] + line[:, 2]
-    square = line[:, 0] ** 2 + line[:, 1] ** 2 + other_line[:, 0] ** 2 + other_line[:, 1] ** 2
-    return algebraic / np.sqrt(np.maximum(square, 1e-18))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.body_size import STANDING, steady_radius
-from fgpose.calibration.from_people.starts.interpolation import between_images, smaller_around
 from fgpose.calibration.from_people.starts.start_findings import in_words
 from fgpose.calibration.from_people.starts.starts import Starts
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.estimation.noise import TELLING_HZ
-from fgpose.sampling import nearest, usual_step_s
+from fgpose.sampling import between_images, nearest, smaller_around, usual_step_s
 from fgpose.skeleton import Skeleton
 
 MAX_FRAMES = 1500

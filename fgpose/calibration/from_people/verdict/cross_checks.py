@@ -9,6 +9,7 @@ from jaxtyping import Float
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import triangulate
+from fgpose_factors.robust_statistics import known_median
 
 _FEWEST = 6  # joints of a frame that tell by how much a body is turned and scaled
 
@@ -34,7 +35,7 @@ def third_view_mrad(
     Returns:
         Milliradians; NaN where a camera never sees six joints of a frame that enough others see.
     """
-    return np.array([_median(third_view_of(c, undistorted_px, confidence, rig)) for c in range(rig.n_cameras)])
+    return np.array([known_median(third_view_of(c, undistorted_px, confidence, rig)) for c in range(rig.n_cameras)])
 
 
 def third_view_of(
@@ -98,11 +99,6 @@ def _out_of_plane_rad(
     for t in np.flatnonzero(known.sum(axis=1) >= _FEWEST):
         offset_rad[t] = abs(np.median(out_rad[t, known[t]]))
     return offset_rad
-
-
-def _median(angle: Float[np.ndarray, " frame"]) -> float:
-    known = angle[np.isfinite(angle)]
-    return float(np.median(known)) if known.size else float("nan")
 
 
 def cross_check_deg(

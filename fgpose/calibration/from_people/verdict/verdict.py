@@ -72,7 +72,7 @@ def findings(inputs: VerdictInputs) -> tuple[CalibrationFinding, ...]:
         *nobody_upright(inputs.upright, inputs.camera_tilt_deg),
         *inputs.of_scale,
     ]
-    return tuple(sorted(found, key=_gravity, reverse=True))
+    return tuple(sorted(found, key=lambda finding: finding.grade.gravity, reverse=True))
 
 
 def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " camera"]) -> list[CalibrationFinding]:
@@ -297,10 +297,6 @@ def _graded(
 def _worst_of_each(found: list[CalibrationFinding]) -> list[CalibrationFinding]:
     """One finding a camera, its gravest."""
     worst: dict[str, CalibrationFinding] = {}
-    for finding in sorted(found, key=_gravity):
+    for finding in sorted(found, key=lambda finding: finding.grade.gravity):
         worst[finding.camera] = finding
     return list(worst.values())
-
-
-def _gravity(finding: CalibrationFinding) -> int:
-    return list(Grade).index(finding.grade)
