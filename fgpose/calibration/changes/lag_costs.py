@@ -169,6 +169,27 @@ def robust(angle: Float[np.ndarray, "*shape"], scale: float) -> Float[np.ndarray
     return 0.5 * KERNEL**2 * np.log1p((angle / (KERNEL * scale)) ** 2)
 
 
+def weighted(
+    angle: Float[np.ndarray, "*shape"], weight: Float[np.ndarray, "*shape"], scale: float = 1.0
+) -> Float[np.ndarray, "*shape"]:
+    """The same of rays that count so much; 0 of those that are not seen, or do not tell an angle."""
+    return np.where(weight > 0, weight * np.nan_to_num(robust(angle, scale)), 0.0)
+
+
+def reweighted(
+    angle: Float[np.ndarray, "*shape"], weight: Float[np.ndarray, "*shape"], width: float
+) -> Float[np.ndarray, "*shape"]:
+    """What whitened angles count in least squares; the kernel is wider by this factor."""
+    known = (weight > 0) & np.isfinite(angle)
+    return np.where(known, weight / (1 + (np.nan_to_num(angle) / (width * KERNEL)) ** 2), 0.0)
+
+
+def wide_enough(angle: Float[np.ndarray, "*shape"], weight: Float[np.ndarray, "*shape"]) -> float:
+    """Width of the kernel with which the larger ones of whitened angles count, in which another pose or lens shows."""
+    known = np.abs(angle[(weight > 0) & np.isfinite(angle)])
+    return max(1.0, float(np.quantile(known, 0.8))) if known.size else 1.0
+
+
 def independent(blocks: Blocks) -> float:
     """By how much the samples of a block count, as their errors are correlated."""
     per_block = len(blocks.index) / blocks.n_blocks
@@ -229,9 +250,9 @@ def _by_block(
     as the others on average."""
     order = np.argsort(blocks.block, kind="stable")
     begins = np.searchsorted(blocks.block[order], np.arange(blocks.n_blocks))
-    weighted = np.where(weight > 0, np.nan_to_num(cost) * weight, 0.0)
+    counted = np.where(weight > 0, np.nan_to_num(cost) * weight, 0.0)
     total, seen, number = (
-        np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0) for each in (weighted, weight, weight > 0)
+        np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0) for each in (counted, weight, weight > 0)
     )
     most = seen.max(axis=1, keepdims=True)
     told = (seen >= 0.5 * most) & (number >= _MIN_SEEN)

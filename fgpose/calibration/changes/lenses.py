@@ -11,7 +11,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
-from fgpose.calibration.changes.lag_costs import KERNEL, LEAST_GAIN, LagCosts, angle, independent, robust
+from fgpose.calibration.changes.lag_costs import (
+    LEAST_GAIN,
+    LagCosts,
+    angle,
+    independent,
+    reweighted,
+    weighted,
+    wide_enough,
+)
 from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import shifted, stretched, zoomed
@@ -241,9 +249,7 @@ def _promising(
         a, b = pair.cameras
         views = seen[a].view, seen[b].view
         still = pair.angles(*views)
-        known = (pair.weight > 0) & np.isfinite(still)
-        width = max(1.0, float(np.quantile(np.abs(still[known]), 0.8))) if known.any() else 1.0
-        weight = np.where(known, pair.weight / (1 + (np.nan_to_num(still) / (width * KERNEL)) ** 2), 0.0)
+        weight = reweighted(still, pair.weight, wide_enough(still, pair.weight))
         by_one = (pair.angles(stepped.get(a, views[0]), views[1]) - still) / _STEP
         by_other = (pair.angles(views[0], stepped.get(b, views[1])) - still) / _STEP
         for g, group in enumerate(groups):
@@ -273,8 +279,7 @@ def _cost(
     views = [own.through(lens, value) if c in group else own.view for c, own in enumerate(seen)]
     per_sample = np.zeros(len(costs.blocks.index))
     for pair in pairs:
-        angles = pair.angles(*(views[c] for c in pair.cameras))
-        per_sample += np.where(pair.weight > 0, pair.weight * np.nan_to_num(robust(angles, 1.0)), 0.0).sum(axis=1)
+        per_sample += weighted(pair.angles(*(views[c] for c in pair.cameras)), pair.weight).sum(axis=1)
     return np.bincount(costs.blocks.block, per_sample, minlength=costs.blocks.n_blocks)
 
 
