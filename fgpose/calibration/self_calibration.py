@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Generic
 
 from fgpose.association.common_clock import on_common_clock
-from fgpose.calibration.changes.changed_rig import with_changes
+from fgpose.calibration.changes.change import with_changes
 from fgpose.calibration.changes.find_changes import find_changes
 from fgpose.calibration.everybody import everybody_of, on_everybody
 from fgpose.calibration.moved_views import Recording
