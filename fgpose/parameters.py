@@ -94,7 +94,7 @@ class DepthConfig:
     seconds. Raising it trusts the depth less. (Measured is about 0.15 s; this value gave the lowest errors where the
     depth is needed.)"""
     kernel: Kernel = "cauchy"
-    """Robust kernel."""
+    """Robust kernel; also of the views' 3D in fusion.mean = covariance and in anchors (fusion.anchor_sigma_m)."""
     kernel_scale: float = 1.5
     """Error, in sigmas, from which the kernel begins to discount a depth. Raising it trusts outliers more."""
 

@@ -25,14 +25,14 @@ def direction_errors_deg(rig: CameraRig, true_rig: CameraRig) -> Float[np.ndarra
     """Angle by which each camera is turned, after the similarity of the rigs."""
     R = rig_similarity(rig, true_rig).R
     pairs = zip(_rotations(rig), _rotations(true_rig), strict=True)
-    return np.array([_angle_deg(R @ own, true) for own, true in pairs])
+    return np.array([angle_deg(R @ own, true) for own, true in pairs])
 
 
 def rotation_errors_deg(rig: CameraRig, true_rig: CameraRig) -> Float[np.ndarray, " pair"]:
     """Error of the rotation between the cameras of each pair. It needs no alignment."""
     own, true = _rotations(rig), _rotations(true_rig)
     pairs = combinations(range(rig.n_cameras), 2)
-    return np.array([_angle_deg(own[a].T @ own[b], true[a].T @ true[b]) for a, b in pairs])
+    return np.array([angle_deg(own[a].T @ own[b], true[a].T @ true[b]) for a, b in pairs])
 
 
 def scale_error(rig: CameraRig, true_rig: CameraRig) -> float:
@@ -108,7 +108,7 @@ def _rotations(rig: CameraRig) -> list[np.ndarray]:
     return [camera.world_T_camera[:3, :3] for camera in rig.cameras]
 
 
-def _angle_deg(R: Float[np.ndarray, "3 3"], other: Float[np.ndarray, "3 3"]) -> float:
+def angle_deg(R: Float[np.ndarray, "3 3"], other: Float[np.ndarray, "3 3"]) -> float:
     """Of the rotation from one to the other; exact for small angles, unlike the arccosine of the trace."""
     from scipy.spatial.transform import Rotation
 

@@ -4,7 +4,7 @@
   gives CalibratedFromPeople: the rig, CameraSigmas, and a Grade with each CalibrationFinding. GivenStart is what is
   known of the start of a video, Walk what was used of the recording, Parts what of the chain can be turned off.
 - A rig that was calibrated, on the recording itself: refine_rig (RigRefinement) for the poses, estimate_time_offsets
-  (TimeOffsets) for the clocks, self_calibrate (SelfCalibration) for both at once.
+  (TimeOffsets) for the clocks, self_calibrate (SelfCalibration) for both at once. Ending says why one was stopped.
 - A rig of which a camera was moved: refine_bumped (BumpedRig).
 - Cameras that began at different moments: synchronise (Synchronised), and on_common_clock for what they recorded.
 - Keypoints of images that are turned: turn_images.
@@ -21,6 +21,7 @@ from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
 from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
 from fgpose.calibration.synchronisation import Synchronised, synchronise
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
+from fgpose.calibration.used_parts import Ending
 from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.geometry.intrinsics import guessed_intrinsics
 from fgpose.geometry.turned_images import turn_images
@@ -30,6 +31,7 @@ __all__ = [
     "CalibratedFromPeople",
     "CalibrationFinding",
     "CameraSigmas",
+    "Ending",
     "GivenStart",
     "Grade",
     "OffsetEvidence",

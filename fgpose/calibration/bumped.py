@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.disagreement import NEGLIGIBLE_MRAD, allowed_mrad
-from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade, worst_grade
 from fgpose.calibration.moved_views import Recording, moved_with_cameras
 from fgpose.calibration.rig_refinement import has_moved, moves, refine_rig
 from fgpose.config import Config
@@ -36,7 +36,7 @@ class BumpedRig(Generic[Recording]):
     @property
     def grade(self) -> Grade:
         """The worst of the findings."""
-        return max((finding.grade for finding in self.findings), key=list(Grade).index, default=Grade.GOOD)
+        return worst_grade(self.findings)
 
 
 def refine_bumped(observations: Recording, rig: CameraRig, config: Config | None = None) -> BumpedRig[Recording]:

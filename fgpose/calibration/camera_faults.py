@@ -8,24 +8,21 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.association.recording import Association
+from fgpose.calibration.changes.credible import NOTICEABLE_FRAMES
 from fgpose.calibration.everybody import each_person
 from fgpose.calibration.rig_refinement import SIGNIFICANT_SIGMAS, has_moved, moves
 from fgpose.calibration.search import Found, search
 from fgpose.calibration.used_parts import seen_by_two
 from fgpose.config import Config
+from fgpose.estimation.noise import TELLING_HZ
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import fair_limits, usual_step_s
 from fgpose.skeleton import Skeleton
 
-# These four bound the time that it takes. Errors of detections are correlated over 0.15 s: 25 Hz have as much
-# information as 50. More would make the offsets a little more precise.
+# They bound the time that it takes, as calibration.max_frames does. More would make the offsets a little more precise.
 _MAX_DURATION_S = 20.0
-_MAX_FRAMES = 300
-_RATE_HZ = 25.0
 _MAX_ITERATIONS = 15
-# At 50 Hz and walking speed 6 mm: half of the usual error of the estimate.
-_NOTICEABLE_FRAMES = 0.2
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ def camera_faults(
     if rig.n_cameras < 3 or not people:
         return ()
     step_s = min(usual_step_s(own.frame_time_s) for own in people)
-    parts = [_limbs_only(part) for part in _thinned(people, step_s)]
+    parts = [_limbs_only(part) for part in _thinned(people, step_s, config.calibration.max_frames)]
     try:
         found = search(parts, rig, config, poses=True, clocks=True)
     except ValueError:  # no joint is seen by two cameras that agree: RecordingInfo reports that
@@ -89,7 +86,7 @@ def _faults(found: Found, rig: CameraRig, config: Config, step_s: float) -> tupl
     late_s = found.rig.time_offsets_s - rig.time_offsets_s
     offsets_s, sigma_s = _relative_to_nearest(late_s, found.offset_sigma_s)
     rotation_deg, translation_m = moves(rig, found.rig)
-    late = np.abs(offsets_s) > np.maximum(SIGNIFICANT_SIGMAS * sigma_s, _NOTICEABLE_FRAMES * step_s)
+    late = np.abs(offsets_s) > np.maximum(SIGNIFICANT_SIGMAS * sigma_s, NOTICEABLE_FRAMES * step_s)
     moved = has_moved(rotation_deg, translation_m, config)
     numbers = offsets_s, sigma_s, offsets_s / step_s, rotation_deg, translation_m, late, moved
     return tuple(CameraFault(name, *row) for name, *row in zip(rig.names, *(n.tolist() for n in numbers), strict=True))
@@ -105,10 +102,10 @@ def _relative_to_nearest(
     return offsets_s - offsets_s[nearest], both_s
 
 
-def _thinned(people: list[Observations], step_s: float) -> list[Observations]:
+def _thinned(people: list[Observations], step_s: float, max_frames: int) -> list[Observations]:
     """The middle of what was seen of each, at about 25 frames a second."""
-    stride = max(1, round(1 / (_RATE_HZ * step_s)))
-    at_most = min(int(_MAX_DURATION_S / step_s), _MAX_FRAMES * stride)
+    stride = max(1, round(1 / (TELLING_HZ * step_s)))
+    at_most = min(int(_MAX_DURATION_S / step_s), max_frames * stride)
     limits = fair_limits([own.n_frames for own in people], at_most)
     return [_middle(own, int(limit), stride) for own, limit in zip(people, limits, strict=True)]
 

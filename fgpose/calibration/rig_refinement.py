@@ -19,7 +19,7 @@ from fgpose.calibration.large_moves import refuse_large_moves
 from fgpose.calibration.motion import has_converged, smoothed_motion
 from fgpose.calibration.moved_views import Recording, moved_with_cameras
 from fgpose.calibration.rig_problem import rig_problem, sighting_weights
-from fgpose.calibration.used_parts import Adjusted, agreed_joints_m, frames_of_each, seen_by_two
+from fgpose.calibration.used_parts import Adjusted, Ending, agreed_joints_m, frames_of_each, seen_by_two
 from fgpose.config import Config
 from fgpose.estimation.evidence.delays import by_mean_clock, delays_s, on_time_px
 from fgpose.geometry.camera import CameraRig
@@ -44,11 +44,14 @@ class RigRefinement(Generic[Recording]):
     """Median reprojection error of the triangulated joints, with the rig as it was and as it is now; NaN for a camera
     that sees nothing."""
     residual_after_px: Float[np.ndarray, " camera"]
-    converged: bool = True
-    """Whether the optimiser has converged, and the smoother whose motion corrected the delays."""
+    ending: Ending = Ending.SETTLED
     reassigned: tuple[float, ...] = ()
     """Of several people, each time that they were told apart with the new rig: the share of the detected joints that
     belonged to somebody else then, of the camera where it is largest. Above 5 % the cameras were calibrated again."""
+
+    @property
+    def converged(self) -> bool:
+        return self.ending.converged
 
 
 def refine_rig(observations: Recording, rig: CameraRig, config: Config | None = None) -> RigRefinement[Recording]:
@@ -86,7 +89,7 @@ def refinement(
         translation_m=translation_m,
         residual_before_px=_residual_px(found.undistorted_px, found.confidence, before, config),
         residual_after_px=_residual_px(found.undistorted_px, found.confidence, after, config),
-        converged=found.converged,
+        ending=found.ending,
         reassigned=reassigned,
     )
 
@@ -127,8 +130,9 @@ def _refined(people: Sequence[Observations], rig: CameraRig, config: Config) -> 
     sightings = Sightings.on_time(undistorted_px, np.concatenate(weights))
     start = Bundle.of(np.zeros((rig.n_cameras, N_OF_CAMERA)), joints_m)
     solution = rig_problem(rig, sightings, config, poses=True, clocks=False).solve(start)
-    converged = all(smoothed for _, smoothed in on_time) and solution.convergence.converged
-    return Adjusted(adjusted_rig(rig, solution.state.changes), undistorted_px, confidence, converged)
+    smoothed = all(smoothed for _, smoothed in on_time)
+    ending = Ending.of(smoothed=smoothed, settled=True, adjusted=solution.convergence.converged)
+    return Adjusted(adjusted_rig(rig, solution.state.changes), undistorted_px, confidence, ending)
 
 
 def _on_time_px(

@@ -17,6 +17,7 @@ from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.calibration.rig_problem import rig_problem, sighting_weights
 from fgpose.calibration.used_parts import (
     Adjusted,
+    Ending,
     agreed_joints_m,
     best_seen_of_each,
     frames_of_each,
@@ -98,7 +99,7 @@ def search(people: Sequence[Observations], rig: CameraRig, config: Config, *, po
         rig=best.rig,
         offset_sigma_s=np.sqrt(np.einsum("cici->ci", best.problem.covariance(best.state))[:, OFFSET]),
         objective=best.objective,
-        converged=not unsettled and best.smoothed and solution.convergence.converged,
+        ending=Ending.of(smoothed=best.smoothed, settled=not unsettled, adjusted=solution.convergence.converged),
         undistorted_px=best.problem.sightings.undistorted_px,
         confidence=setting.confidence,
     )

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Generic
 
 from fgpose.association.common_clock import on_common_clock
-from fgpose.calibration.changes.changed_rig import with_changes
+from fgpose.calibration.changes.change import with_changes
 from fgpose.calibration.changes.find_changes import find_changes
 from fgpose.calibration.everybody import everybody_of, on_everybody
 from fgpose.calibration.moved_views import Recording
 from fgpose.calibration.rig_refinement import RigRefinement, refine_rig, refinement
 from fgpose.calibration.search import Found, search
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
+from fgpose.calibration.used_parts import Ending
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import is_changing
@@ -32,8 +33,14 @@ class SelfCalibration(Generic[Recording]):
     time_offsets: TimeOffsets
     objective: float
     """The objective of the calibration (fgpose.calibration.adjustment.problem); at most that of the given rig."""
-    converged: bool
-    """Whether the last round changed nothing, and its optimisers have converged."""
+
+    @property
+    def ending(self) -> Ending:
+        return self.refinement.ending
+
+    @property
+    def converged(self) -> bool:
+        return self.ending.converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +53,14 @@ class CameraCalibration(Generic[Recording]):
     """None where the poses were held."""
     time_offsets: TimeOffsets | None
     """None where the clocks were held."""
-    converged: bool
     changed: CameraRig | None = None
     """By the time stamps that were given: what was found to change in time, before what is constant was calibrated.
     None: nothing; rig and observations are then of the same cameras, and by the same clocks, as they were given."""
+
+    @property
+    def ending(self) -> Ending:
+        calibrated = self.refinement or self.time_offsets
+        return Ending.SETTLED if calibrated is None else calibrated.ending
 
     @property
     def reassigned(self) -> tuple[float, ...]:
@@ -74,8 +85,8 @@ def self_calibrate(observations: Recording, rig: CameraRig, config: Config | Non
     config = config or Config()
     found, reassigned = on_everybody(observations, rig, config, _both)
     refined = refinement(observations, rig, found, config, reassigned)
-    offsets = TimeOffsets(found.rig.time_offsets_s, found.offset_sigma_s, found.rig, found.converged, reassigned)
-    return SelfCalibration(found.rig, refined.observations, refined, offsets, found.objective, found.converged)
+    offsets = TimeOffsets(found.rig.time_offsets_s, found.offset_sigma_s, found.rig, found.ending, reassigned)
+    return SelfCalibration(found.rig, refined.observations, refined, offsets, found.objective)
 
 
 def _both(people: Sequence[Observations], rig: CameraRig, config: Config) -> Found:
@@ -118,11 +129,11 @@ def _constant(
 ) -> CameraCalibration[Recording]:
     if poses and clocks:
         both = self_calibrate(observations, rig, config)
-        return CameraCalibration(both.rig, both.observations, both.refinement, both.time_offsets, both.converged)
+        return CameraCalibration(both.rig, both.observations, both.refinement, both.time_offsets)
     if poses:
         refined = refine_rig(observations, rig, config)
-        return CameraCalibration(refined.rig, refined.observations, refined, None, refined.converged)
+        return CameraCalibration(refined.rig, refined.observations, refined, None)
     if clocks:
         offsets = estimate_time_offsets(observations, rig, config)
-        return CameraCalibration(offsets.rig, observations, None, offsets, offsets.converged)
-    return CameraCalibration(rig, observations, None, None, True)
+        return CameraCalibration(offsets.rig, observations, None, offsets)
+    return CameraCalibration(rig, observations, None, None)

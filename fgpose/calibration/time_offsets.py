@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from fgpose.calibration.everybody import on_everybody
 from fgpose.calibration.search import Found, search
+from fgpose.calibration.used_parts import Ending
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -25,10 +26,13 @@ class TimeOffsets:
     """Standard deviation; zero for the first camera, near calibration.offset_sigma_s if there was no motion."""
     rig: CameraRig
     """The rig with these offsets."""
-    converged: bool = True
-    """Whether the last round changed nothing, and its optimisers have converged."""
+    ending: Ending = Ending.SETTLED
     reassigned: tuple[float, ...] = ()
     """See RigRefinement.reassigned."""
+
+    @property
+    def converged(self) -> bool:
+        return self.ending.converged
 
 
 def estimate_time_offsets(
@@ -47,7 +51,7 @@ def estimate_time_offsets(
         ValueError: the cameras of the observations and of the rig differ.
     """
     found, reassigned = on_everybody(observations, rig, config or Config(), _clocks)
-    return TimeOffsets(found.rig.time_offsets_s, found.offset_sigma_s, found.rig, found.converged, reassigned)
+    return TimeOffsets(found.rig.time_offsets_s, found.offset_sigma_s, found.rig, found.ending, reassigned)
 
 
 def _clocks(people: Sequence[Observations], rig: CameraRig, config: Config) -> Found:

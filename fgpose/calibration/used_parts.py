@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,6 +20,32 @@ from fgpose.sampling import fair_limits, spread_evenly
 _INLIER_FACTOR = 2.5
 
 
+class Ending(Enum):
+    """How a calibration ended."""
+
+    SETTLED = "settled"
+    """The last round changed nothing, and its optimisers have converged."""
+    ROUNDS = "rounds"
+    """The last of calibration.max_rounds rounds still changed the cameras."""
+    MOTION = "motion"
+    """The smoother of the motion was stopped: solver.max_iterations."""
+    ADJUSTMENT = "adjustment"
+    """The bundle adjustment was stopped: what the cameras saw hardly determines them."""
+
+    @staticmethod
+    def of(*, smoothed: bool, settled: bool, adjusted: bool) -> Ending:
+        """The first reason: from a motion that has not converged nothing else does."""
+        if not smoothed:
+            return Ending.MOTION
+        if not settled:
+            return Ending.ROUNDS
+        return Ending.SETTLED if adjusted else Ending.ADJUSTMENT
+
+    @property
+    def converged(self) -> bool:
+        return self is Ending.SETTLED
+
+
 @dataclass(frozen=True, eq=False)
 class Adjusted:
     """A rig, and the detections that it was adjusted to; those of several people one after the other."""
@@ -27,8 +54,7 @@ class Adjusted:
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
     """Of the frames that were used, where they would be if all cameras were synchronous."""
     confidence: Float[np.ndarray, "frame camera joint"]
-    converged: bool
-    """Whether the last round changed nothing, and its optimisers have converged."""
+    ending: Ending
 
 
 def seen_by_two(people: Sequence[Observations]) -> list[Observations]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from rich.console import Console
 
+    from fgpose.calibration import Ending
     from fgpose.calibration.moved_views import Recording
     from fgpose.calibration.self_calibration import CameraCalibration
     from fgpose.config import Config
@@ -56,6 +57,14 @@ def _save_and_print(
     if calibration.reassigned:
         shares = ", then ".join(f"{100 * share:.1f} %" for share in calibration.reassigned)
         console.print(f"With it, {shares} of the joints in a camera, at most, belong to somebody else.")
-    if not calibration.converged:
-        console.print("The calibration has not converged: raise --calibration.max-rounds or --solver.max-iterations.")
+    if not calibration.ending.converged:
+        console.print(f"The calibration has not converged: {_what_helps(calibration.ending)}.")
     print_written(console, path)
+
+
+def _what_helps(ending: Ending) -> str:
+    from fgpose.calibration import Ending
+
+    if ending is Ending.ADJUSTMENT:
+        return "what the cameras saw hardly determines them; see fgpose info"
+    return f"raise {'--calibration.max-rounds' if ending is Ending.ROUNDS else '--solver.max-iterations'}"

@@ -118,7 +118,7 @@ class FromPeopleOptions:
         Raises:
             ValueError: as cameras_of; or all videos but one are too short to find when they begin.
         """
-        from fgpose.calibration.from_people.starts.start_findings import SHORT_S
+        from fgpose.calibration.from_people.walk import SHORT_S
         from fgpose.monocular.sources import Sources
 
         rig = self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips])

@@ -9,9 +9,8 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH
 
-MEDIAN_LENGTH = 1.1774
-"""Of a vector of two normal numbers of standard deviation one."""
 USUAL_ERROR_M = 0.018 * MEDIAN_LENGTH
 """Median of networks on people whom they see (VisibilityConfig.sigma_m)."""
 SAMPLES = 200

@@ -7,7 +7,6 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording, of_each_person
 from fgpose.diagnosis.series import (
-    MEDIAN_LENGTH,
     SAMPLES,
     USUAL_ERROR_M,
     camera_medians,
@@ -22,6 +21,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.field_of_view import in_views
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH
 
 # Less is somebody who comes and goes. Where it is not often, the covariances say enough.
 _OUTSIDE_SHARE, _OFTEN_OUTSIDE = 0.05, 0.2

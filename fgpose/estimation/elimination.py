@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-# What keeps a joint that no two cameras see invertible; it then contributes nothing. The relative one is far above the
-# rounding errors of a joint next to a camera, whose information is 1e8 / m^2 in two directions and zero in the third.
+from fgpose.estimation.noise import ROUNDING
+
+# What keeps a joint that no two cameras see invertible; it then contributes nothing.
 _MIN_INFORMATION = 1e-9  # 1/m^2
-_MIN_INFORMATION_SHARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def eliminate_joints(
     n_of_cameras = n_cameras * each
     pull, weighted = weights[..., None] * residual_px, weights[..., None, None] * by_joint
     of_positions = np.einsum("tcjia,tcjib->tjab", weighted, by_joint)
-    least = _MIN_INFORMATION + damping + _MIN_INFORMATION_SHARE * np.trace(of_positions, axis1=-2, axis2=-1)
+    least = _MIN_INFORMATION + damping + ROUNDING * np.trace(of_positions, axis1=-2, axis2=-1)
     covariance_m2 = np.linalg.inv(of_positions + least[..., None, None] * np.eye(3))
     of_cameras = np.einsum("tcjik,tcjia->tjcka", by_camera, weighted).reshape(n_frames, n_joints, n_of_cameras, 3)
     across = np.concatenate([of_cameras, np.einsum("tcjib,tcjia->tjba", by_bias, weighted)], axis=2)

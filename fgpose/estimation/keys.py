@@ -12,7 +12,6 @@ import gtsam
 
 from fgpose.skeleton import MAX_JOINTS
 
-_JOINTS_PER_FRAME = MAX_JOINTS
 # The first key of each kind; the character is in the highest byte, so kinds cannot overlap.
 _POSITION = gtsam.symbol("x", 0)
 _VELOCITY = gtsam.symbol("v", 0)
@@ -21,12 +20,12 @@ _LENGTH = gtsam.symbol("l", 0)
 
 def position_key(joint: int, frame: int) -> int:
     """Key of a joint's position (Point3, metres, world frame)."""
-    return _POSITION + frame * _JOINTS_PER_FRAME + joint
+    return _POSITION + frame * MAX_JOINTS + joint
 
 
 def velocity_key(joint: int, frame: int) -> int:
     """Key of a joint's velocity (Point3, m/s, world frame)."""
-    return _VELOCITY + frame * _JOINTS_PER_FRAME + joint
+    return _VELOCITY + frame * MAX_JOINTS + joint
 
 
 def length_key(length: int) -> int:

@@ -12,12 +12,19 @@ from jaxtyping import Float
 
 CORRELATION_S = 0.15
 """Time over which the errors of a pose network are correlated, measured on a monocular network."""
+TELLING_HZ = 25.0
+"""More images a second tell hardly anything new."""
 CORRELATED_FACTOR = 1.2
 """The graph takes errors of consecutive frames for independent. They are not: so much larger must they seem. (6 px
 where errors are 5 px gave the least mean error on the tuning clips of the benchmark.)"""
-# Of the total variance of a joint. A point next to a camera is known to micrometres in two directions and to a metre in
-# the third; rounding errors would make the least variance negative.
-_ROUNDING = 1e-12
+MEMORY_S = 30.0
+"""Online, what is learned of errors is forgotten over this time. A network and a light are the same for longer; a
+person turns, and a camera may be moved."""
+LEAST_SPREAD_M = 0.002
+"""No network errs less at a joint, along each axis of the image."""
+ROUNDING = 1e-12
+"""Of the total variance of a joint. A point next to a camera is known to micrometres in two directions and to a metre
+in the third; rounding errors would make the least variance negative."""
 
 
 @dataclass(frozen=True)
@@ -51,4 +58,4 @@ def shrunk(
 def surely_positive(matrices: Float[np.ndarray, "*matrices row row"]) -> Float[np.ndarray, "*matrices row row"]:
     """Covariances or information matrices, the same but for rounding errors, which may have made them singular."""
     trace = np.trace(matrices, axis1=-2, axis2=-1)
-    return matrices + _ROUNDING * trace[..., None, None] * np.eye(matrices.shape[-1])
+    return matrices + ROUNDING * trace[..., None, None] * np.eye(matrices.shape[-1])

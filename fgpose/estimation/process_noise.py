@@ -17,9 +17,10 @@ from jaxtyping import Float
 from fgpose.config import MotionConfig
 from fgpose.estimation.noise import shrunk
 
-# Accelerations are averaged from so long before a frame to so long after it. On the tuning clips of the benchmark half
-# of it raises the mean errors with two cameras by 3 %; otherwise half and twice as long change less than 1 %.
-_NEARBY_S = 0.2
+NEARBY_S = 0.2
+"""Accelerations, and what detections tell of them, are averaged from so long before a frame to so long after it. On the
+tuning clips of the benchmark half of it raises the mean errors with two cameras by 3 %; otherwise half and twice as
+long change less than 1 %."""
 # Bounds of the density. Online the least is higher, since a joint at rest may start to move. The most is beyond that of
 # a sprinter's ankle at 30 Hz, some 10,000.
 LEAST_DENSITY, _LEAST_DENSITY_ONLINE, _MOST_DENSITY = 0.3, 1.0, 30_000.0
@@ -61,8 +62,8 @@ def process_density(
     """
     if not is_adaptive(config) or len(time_s) < 3:
         return np.full(positions_m.shape[:2], initial_density(config))
-    per_s = _mean_nearby(information / np.gradient(time_s)[:, None], time_s, _NEARBY_S)
-    power = _SMOOTHED * _mean_nearby(_squared_accelerations(positions_m, time_s), time_s, _NEARBY_S)
+    per_s = _mean_nearby(information / np.gradient(time_s)[:, None], time_s, NEARBY_S)
+    power = _SMOOTHED * _mean_nearby(_squared_accelerations(positions_m, time_s), time_s, NEARBY_S)
     density, measurements = _resolved(power, per_s, LEAST_DENSITY, config)
     logs, total = np.sum(measurements * np.log(density), axis=0), measurements.sum(axis=0)
     unknown = np.full(total.shape, np.log(initial_density(config)))
@@ -92,7 +93,7 @@ class RunningDensity:
         step_s = time_s - self._time_s
         squared = np.mean(((velocities_mps - self._velocities_mps) / step_s) ** 2, axis=-1)
         self._time_s, self._velocities_mps = time_s, velocities_mps
-        keep = np.where(np.isfinite(squared), np.exp(-step_s / _NEARBY_S), 1.0)
+        keep = np.where(np.isfinite(squared), np.exp(-step_s / NEARBY_S), 1.0)
         self._power = keep * self._power + (1 - keep) * _SMOOTHED * np.nan_to_num(squared)
         self._per_s = keep * self._per_s + (1 - keep) * information / step_s
 
@@ -123,7 +124,7 @@ def _resolved(
     motion along three axes up to the bandwidth b has degrees of freedom in their time. Where nothing is known, none."""
     density = np.divide(power**0.8, per_s**0.2, out=np.ones_like(power), where=per_s > 0)
     density = np.clip(density, min(least, config.acceleration_density), _MOST_DENSITY)
-    measurements = 3 * 2 * _NEARBY_S / _SMOOTHED * (density * per_s) ** 0.25
+    measurements = 3 * 2 * NEARBY_S / _SMOOTHED * (density * per_s) ** 0.25
     known = np.isfinite(measurements)
     return np.where(known, density, 1.0), np.where(known, measurements, 0.0)
 

@@ -1,4 +1,5 @@
-"""How well two cameras agree on what both saw, without any 3D: distances from epipolar lines."""
+"""How well two cameras agree on what both saw, without any 3D: distances from epipolar lines, and from epipolar
+geometry."""
 
 from __future__ import annotations
 
@@ -33,6 +34,18 @@ def epipolar_distances_px(
     lines = np.concatenate([others_px, np.ones((*others_px.shape[:-1], 1))], axis=-1) @ fundamental.T
     distances = np.abs(np.sum(lines[..., :2] * undistorted_px, axis=-1) + lines[..., 2])
     return np.asarray(distances / np.linalg.norm(lines[..., :2], axis=-1))
+
+
+def sampson_errors(
+    F: Float[np.ndarray, "3 3"], first: Float[np.ndarray, "point 2"], second: Float[np.ndarray, "point 2"]
+) -> Float[np.ndarray, " point"]:
+    """Signed distances of correspondences from the epipolar constraint x_second^T F x_first = 0, to first order
+    (Hartley and Zisserman 2004, eq. 11.9): of errors that are alike in both images, the standard deviation of one
+    coordinate."""
+    line, other_line = first @ F[:, :2].T + F[:, 2], second @ F[:2] + F[2]
+    algebraic = second[:, 0] * line[:, 0] + second[:, 1] * line[:, 1] + line[:, 2]
+    square = line[:, 0] ** 2 + line[:, 1] ** 2 + other_line[:, 0] ** 2 + other_line[:, 1] ** 2
+    return algebraic / np.sqrt(np.maximum(square, 1e-18))
 
 
 def pairs_px(

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.geometry.camera import Camera
 from fgpose.skeleton import Skeleton
+from fgpose_factors.robust_statistics import CAUCHY_SCALE, MEDIAN_LENGTH
 
 # Depth of a joint relative to the body, SD in metres, measured with BlazePose (heavy) on 400 views of one man, the
 # balance recordings. Only these joints are used to find the translation. The eleven landmarks of a face share one error
@@ -65,8 +66,6 @@ _ITERATIONS = 10
 _CONVERGED_M = 5e-4
 _MIN_FIT_RATIO = 1e-3
 """Keeps the weights finite where everything fits exactly: 0.1 mm."""
-_CAUCHY = 2.385  # 95 % efficient where there is no outlier
-_MEDIAN_OF_RAYLEIGH = 1.1774  # sqrt(2 ln 2): median length of a 2D Gaussian vector, in sigmas
 _MIN_SPREAD = 1e-9  # keeps the division finite where all joints are at one pixel
 
 
@@ -185,7 +184,7 @@ def _translation(
     t_m, spread = _least_squares(target_m, u, information)
     for _ in range(_ITERATIONS):
         normalised, ratio = _residuals(target_m, u, t_m, sigma_m)
-        before, weights = t_m, information / (1.0 + (normalised / (_CAUCHY * max(ratio, _MIN_FIT_RATIO))) ** 2)
+        before, weights = t_m, information / (1.0 + (normalised / (CAUCHY_SCALE * max(ratio, _MIN_FIT_RATIO))) ** 2)
         t_m, spread = _least_squares(target_m, u, weights)
         if np.abs(t_m - before).max() < _CONVERGED_M:
             break
@@ -204,7 +203,7 @@ def _residuals(
     residual_m = target_m - t_m[:2] + u * t_m[2]
     normalised = np.sqrt(np.einsum("ji,ji->j", residual_m, residual_m)) / sigma_m
     middle = len(u) // 2  # np.median takes ten times as long, half of the whole solve
-    return normalised, float(np.partition(normalised, middle)[middle]) / _MEDIAN_OF_RAYLEIGH
+    return normalised, float(np.partition(normalised, middle)[middle]) / MEDIAN_LENGTH
 
 
 def _least_squares(

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.monocular.clips import Clip
+from fgpose_factors.robust_statistics import robust_sigma
 
 SIGMA_S = 0.01
 """Standard deviation of a start: sound travels 3.4 m in that time."""
@@ -108,7 +109,7 @@ def _shift(one: Float[np.ndarray, " step"], other: Float[np.ndarray, " step"]) -
     lags = np.arange(len(score)) - (len(other) - 1)
     overlap = np.minimum(len(one), lags + len(other)) - np.maximum(0, lags)
     score = np.where(overlap >= _MIN_OVERLAP_S * _STEP_HZ, score / np.sqrt(np.maximum(overlap, 1)), 0.0)
-    chance = 1.4826 * float(np.median(np.abs(score[score != 0]))) if score.any() else 0.0
+    chance = robust_sigma(score[score != 0]) if score.any() else 0.0
     best = int(score.argmax())
     near = np.abs(lags - lags[best]) <= _PEAK_S * _STEP_HZ
     second = float(score[~near].max(initial=0.0))

@@ -9,6 +9,7 @@ import numpy as np
 
 from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
+from fgpose_factors.robust_statistics import known_median
 
 _GRADES = {
     Grade.GOOD: "good",
@@ -34,7 +35,9 @@ def camera_rows(result: CalibratedFromPeople) -> dict[str, list[str]]:
     rows["start [s]"] = _texts(rig.time_offsets_s, 3)
     rows["  ± [ms]"] = _texts_unless_given(1000 * sigmas.offset_s, 1)
     rows["joints used"] = [str(n) for n in used.sum(axis=(0, 2)).tolist()]
-    rows["residual, median [px]"] = _texts(np.array([_median(each) for each in result.residual_px.swapaxes(0, 1)]), 1)
+    rows["residual, median [px]"] = _texts(
+        np.array([known_median(each) for each in result.residual_px.swapaxes(0, 1)]), 1
+    )
     return rows
 
 
@@ -62,7 +65,7 @@ def verdict(findings: Sequence[CalibrationFinding], grade: Grade) -> list[str]:
     """The verdict, and the reasons with what helps, those that the same helps against together; the gravest first."""
     together: dict[tuple[int, str], list[CalibrationFinding]] = {}
     for finding in findings:
-        together.setdefault((-list(Grade).index(finding.grade), finding.remedy), []).append(finding)
+        together.setdefault((-finding.grade.gravity, finding.remedy), []).append(finding)
     return [f"Verdict: {_GRADES[grade]}.", *(_sentence(together[key]) for key in sorted(together, key=lambda k: k[0]))]
 
 
@@ -121,8 +124,3 @@ def _texts_unless_given(values: np.ndarray, digits: int) -> list[str]:
     return [
         "given" if value == 0 else text for value, text in zip(values.tolist(), _texts(values, digits), strict=True)
     ]
-
-
-def _median(residual_px: np.ndarray) -> float:
-    known = residual_px[np.isfinite(residual_px)]
-    return float(np.median(known)) if known.size else np.nan

@@ -16,6 +16,7 @@ from fgpose.io.atomic import write_text
 from fgpose.report.blocks import Block, Plot, Section, Table, TableCell, number
 from fgpose.report.page import KeyFigure, Page, html
 from fgpose.report.plots import COLOURS, models, plain_figure
+from fgpose_factors.robust_statistics import robust_sigma
 
 MEASURES = {
     "seen_share": -1,
@@ -80,7 +81,7 @@ def robust_z(values: Float[np.ndarray, " recording"]) -> Float[np.ndarray, " rec
     if known.sum() < _LEAST:
         return np.full(values.shape, np.nan)
     difference = values - np.median(values[known])
-    spread = 1.4826 * float(np.median(np.abs(difference[known]))) or 1.2533 * float(np.mean(np.abs(difference[known])))
+    spread = robust_sigma(difference[known]) or 1.2533 * float(np.mean(np.abs(difference[known])))
     spread = max(spread, _LEAST_SPREAD * abs(float(np.median(values[known]))))
     return difference / spread if spread > 0 else np.where(known, 0.0, np.nan)
 

@@ -15,19 +15,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.changes.rays import Rays
+from fgpose.estimation.noise import CORRELATION_S
+from fgpose_factors.robust_statistics import robust_sigma
 
 BLOCK_S = 1.0
 """Errors of detections are correlated over 0.15 s: blocks of a second are independent of each other."""
 _MAX_BLOCKS = 300
 # Of rays of two cameras that are compared at one lag: bounds the time.
 _MAX_COMPARED = 3e5
-_CORRELATION_S = 0.15
-# Errors of detections are correlated over 0.15 s.
-_SAMPLE_HZ = 10.0
+_SAMPLE_HZ = 10.0  # not much more than errors of detections are independent
 # A lag is known to a fraction of a step: costs are interpolated.
 PER_STEP = 4
 KERNEL = 2.0
 """Scale of the Cauchy kernel, in standard deviations of the angles between rays that meet."""
+LEAST_GAIN = 20.0
+"""In-sample, below which the blocks that did not enter need not be asked."""
 # Of the directions in which cameras see people, and of the people, root mean square.
 _WALKS_RAD, _WALKS_M = 0.08, 0.3
 # Of the joints that move most, in half a second, in standard deviations of the angles between rays that meet: who
@@ -167,10 +169,31 @@ def robust(angle: Float[np.ndarray, "*shape"], scale: float) -> Float[np.ndarray
     return 0.5 * KERNEL**2 * np.log1p((angle / (KERNEL * scale)) ** 2)
 
 
+def weighted(
+    angle: Float[np.ndarray, "*shape"], weight: Float[np.ndarray, "*shape"], scale: float = 1.0
+) -> Float[np.ndarray, "*shape"]:
+    """The same of rays that count so much; 0 of those that are not seen, or do not tell an angle."""
+    return np.where(weight > 0, weight * np.nan_to_num(robust(angle, scale)), 0.0)
+
+
+def reweighted(
+    angle: Float[np.ndarray, "*shape"], weight: Float[np.ndarray, "*shape"], width: float
+) -> Float[np.ndarray, "*shape"]:
+    """What whitened angles count in least squares; the kernel is wider by this factor."""
+    known = (weight > 0) & np.isfinite(angle)
+    return np.where(known, weight / (1 + (np.nan_to_num(angle) / (width * KERNEL)) ** 2), 0.0)
+
+
+def wide_enough(angle: Float[np.ndarray, "*shape"], weight: Float[np.ndarray, "*shape"]) -> float:
+    """Width of the kernel with which the larger ones of whitened angles count, in which another pose or lens shows."""
+    known = np.abs(angle[(weight > 0) & np.isfinite(angle)])
+    return max(1.0, float(np.quantile(known, 0.8))) if known.size else 1.0
+
+
 def independent(blocks: Blocks) -> float:
     """By how much the samples of a block count, as their errors are correlated."""
     per_block = len(blocks.index) / blocks.n_blocks
-    return min(1.0, blocks.length_s / _CORRELATION_S / per_block)
+    return min(1.0, blocks.length_s / CORRELATION_S / per_block)
 
 
 def lag_costs(rays: Rays, blocks: Blocks, n_lags: int) -> LagCosts:
@@ -217,7 +240,7 @@ def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks) -> flo
         if known.max(initial=0) >= _MIN_SEEN:
             middle = np.take_along_axis(own, np.maximum(known - 1, 0)[:, None] // 2, axis=1)[:, 0]
             least.append(middle[known >= 0.5 * known.max()].min())
-    return max(1.4826 * float(np.median(least)), 1e-4) if least else 1.0
+    return max(robust_sigma(np.array(least)), 1e-4) if least else 1.0
 
 
 def _by_block(
@@ -227,9 +250,9 @@ def _by_block(
     as the others on average."""
     order = np.argsort(blocks.block, kind="stable")
     begins = np.searchsorted(blocks.block[order], np.arange(blocks.n_blocks))
-    weighted = np.where(weight > 0, np.nan_to_num(cost) * weight, 0.0)
+    counted = np.where(weight > 0, np.nan_to_num(cost) * weight, 0.0)
     total, seen, number = (
-        np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0) for each in (weighted, weight, weight > 0)
+        np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0) for each in (counted, weight, weight > 0)
     )
     most = seen.max(axis=1, keepdims=True)
     told = (seen >= 0.5 * most) & (number >= _MIN_SEEN)

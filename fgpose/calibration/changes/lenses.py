@@ -11,7 +11,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
-from fgpose.calibration.changes.lag_costs import KERNEL, LagCosts, angle, independent, robust
+from fgpose.calibration.changes.lag_costs import (
+    LEAST_GAIN,
+    LagCosts,
+    angle,
+    independent,
+    reweighted,
+    weighted,
+    wide_enough,
+)
 from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import shifted, stretched, zoomed
@@ -21,10 +29,7 @@ _SHIFTS = np.linspace(-0.24, 0.24, 13)
 _DISTORTIONS = np.linspace(-0.42, 0.42, 13)  # of k1: action cameras have -0.4
 _K2 = 1.2  # k2 over the square of k1 of wide lenses; equidistant ones have 1.8
 _STEP = 0.02  # of the value, for derivatives
-# In-sample gain below which the blocks that did not enter need not be asked.
-_LEAST_GAIN = 20.0
 _LOST = 5.0  # whitened angle of a ray that another lens cannot have seen
-_FIVE = 5  # coefficients: k1 k2 p1 p2 k3
 
 
 class Lens(Enum):
@@ -62,9 +67,9 @@ class Lens(Enum):
         if self is Lens.DISTORTION:
             return not distorts and not fisheye
         if self is Lens.ORDER:
-            return not fisheye and len(camera.distortion) == _FIVE and distorts
+            return not fisheye and len(camera.distortion) == 5 and distorts  # k1 k2 p1 p2 k3
         if self is Lens.FISHEYE:
-            return not fisheye and distorts and len(camera.distortion) in (4, _FIVE)
+            return not fisheye and distorts and len(camera.distortion) in (4, 5)
         if self is Lens.PINHOLE:
             return fisheye
         return distorts or fisheye if self in (Lens.NONE_LEFT, Lens.SIGN) else True
@@ -244,9 +249,7 @@ def _promising(
         a, b = pair.cameras
         views = seen[a].view, seen[b].view
         still = pair.angles(*views)
-        known = (pair.weight > 0) & np.isfinite(still)
-        width = max(1.0, float(np.quantile(np.abs(still[known]), 0.8))) if known.any() else 1.0
-        weight = np.where(known, pair.weight / (1 + (np.nan_to_num(still) / (width * KERNEL)) ** 2), 0.0)
+        weight = reweighted(still, pair.weight, wide_enough(still, pair.weight))
         by_one = (pair.angles(stepped.get(a, views[0]), views[1]) - still) / _STEP
         by_other = (pair.angles(views[0], stepped.get(b, views[1])) - still) / _STEP
         for g, group in enumerate(groups):
@@ -254,7 +257,7 @@ def _promising(
             information[g] += np.sum(weight * slope**2)
             gradient[g] += np.sum(weight * slope * np.nan_to_num(still))
     gain = 0.5 * gradient**2 / np.maximum(information, 1e-12)
-    yield from (group for group, better in zip(groups, gain.tolist(), strict=True) if better > _LEAST_GAIN)
+    yield from (group for group, better in zip(groups, gain.tolist(), strict=True) if better > LEAST_GAIN)
 
 
 def _fitted(lens: Lens, group: tuple[int, ...], pairs: list[_Pair], seen: list[_Seen], costs: LagCosts) -> LensFit:
@@ -276,8 +279,7 @@ def _cost(
     views = [own.through(lens, value) if c in group else own.view for c, own in enumerate(seen)]
     per_sample = np.zeros(len(costs.blocks.index))
     for pair in pairs:
-        angles = pair.angles(*(views[c] for c in pair.cameras))
-        per_sample += np.where(pair.weight > 0, pair.weight * np.nan_to_num(robust(angles, 1.0)), 0.0).sum(axis=1)
+        per_sample += weighted(pair.angles(*(views[c] for c in pair.cameras)), pair.weight).sum(axis=1)
     return np.bincount(costs.blocks.block, per_sample, minlength=costs.blocks.n_blocks)
 
 

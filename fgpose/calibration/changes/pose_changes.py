@@ -12,24 +12,23 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.changes.change import Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
 from fgpose.calibration.changes.lag_costs import (
-    KERNEL,
+    LEAST_GAIN,
     Blocks,
     LagCosts,
     angle,
     edges_as_good,
     independent,
     reach_m,
-    robust,
+    reweighted,
+    weighted,
+    wide_enough,
 )
 from fgpose.calibration.changes.rays import Rays
+from fgpose.config import CalibrationConfig
 
 # Weak: what is bumped turns by degrees and moves by centimetres.
 _SIGMAS = np.repeat([np.deg2rad(2.0), 0.05], 3)
 _ROUNDS = 5
-# As fgpose.calibration.used_parts: the errors of a network on one person in one view are correlated.
-_INDEPENDENT_MEASUREMENTS = 50.0
-# In-sample gain below which the blocks that did not enter need not be asked.
-_LEAST_GAIN = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +106,10 @@ class _Views:
     def independent(self, used: Bool[np.ndarray, " block"]) -> float:
         """By how much the angles in these blocks count against the prior."""
         total = float(self.weight[:, used[self.blocks.block]].sum())
-        return min(1.0, _INDEPENDENT_MEASUREMENTS * len(self.scale) / max(total, 1.0))
+        return min(1.0, CalibrationConfig().independent_measurements * len(self.scale) / max(total, 1.0))
 
     def cost(self, angles: Float[np.ndarray, "other sample joint"]) -> Float[np.ndarray, " block"]:
-        known = self.weight > 0
-        each = np.where(known, self.weight * np.nan_to_num(robust(angles, 1.0)), 0.0).sum(axis=(0, 2))
+        each = weighted(angles, self.weight).sum(axis=(0, 2))
         return np.bincount(self.blocks.block, each, minlength=self.blocks.n_blocks)
 
     def equations(
@@ -119,8 +117,7 @@ class _Views:
     ) -> tuple[Float[np.ndarray, "block 6 6"], Float[np.ndarray, "block 6"]]:
         """Information and gradient of each block; the kernel is wider by this factor."""
         angles = self.angles(move)
-        known = (self.weight > 0) & np.isfinite(angles)
-        weight = np.where(known, self.weight / (1 + (np.nan_to_num(angles) / (width * KERNEL)) ** 2), 0.0)
+        weight = reweighted(angles, self.weight, width)
         jacobian = np.nan_to_num(self.jacobian(move))
         information = np.einsum("osj,osja,osjb->sab", weight, jacobian, jacobian, optimize=True)
         gradient = np.einsum("osj,osj,osja->sa", weight, np.nan_to_num(angles), jacobian, optimize=True)
@@ -155,9 +152,9 @@ def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
         return []
     still = np.zeros(6)
     before = views.cost(views.angles(still))
-    width = max(1.0, _typical(views.angles(still), views.weight))
+    width = wide_enough(views.angles(still), views.weight)
     whole = views.equations(still, width)
-    if max(_in_sample(*whole, told, until=until).max() for until in (False, True)) < _LEAST_GAIN:
+    if max(_in_sample(*whole, told, until=until).max() for until in (False, True)) < LEAST_GAIN:
         return []
     found = [_fitted(Kind.MOVED, np.ones(len(told), dtype=bool), views, told, before, width)]
     for until in (False, True):
@@ -174,13 +171,7 @@ def pose_fit(rays: Rays, costs: LagCosts, c: int, kind: Kind, held: Bool[np.ndar
     views = _Views.of(rays, costs, c)
     angles = views.angles(np.zeros(6))
     told = np.bincount(costs.blocks.block, views.weight.sum(axis=(0, 2)), minlength=costs.blocks.n_blocks) > 0
-    return _fitted(kind, held, views, told, views.cost(angles), max(1.0, _typical(angles, views.weight)))
-
-
-def _typical(angles: Float[np.ndarray, "other sample joint"], weight: np.ndarray) -> float:
-    """The larger ones, in which a move shows."""
-    known = np.abs(angles[(weight > 0) & np.isfinite(angles)])
-    return float(np.quantile(known, 0.8)) if known.size else 1.0
+    return _fitted(kind, held, views, told, views.cost(angles), wide_enough(angles, views.weight))
 
 
 def _split(

@@ -11,12 +11,10 @@ from jaxtyping import Float, Int
 from fgpose.calibration.changes.change import Change, later_s, pieces
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.sampling import spread_evenly, usual_step_s
+from fgpose.sampling import between_images, smaller_around, spread_evenly, usual_step_s
 
 # Errors of detections are correlated over 0.15 s, and nobody moves a limb to and fro in 0.05: more is no information.
 _GRID_HZ = 40.0
-# A joint between two images is where they say if they are no further apart than this many steps.
-_REACH_STEPS = 1.6
 _MAX_JOINTS = 10
 
 
@@ -99,10 +97,10 @@ def _of_person(
         stamp_s = own.frame_time_s if own.time_s.ndim == 1 else own.time_s[:, c]
         there = np.isfinite(stamp_s)
         taken_s = stamp_s[there] + camera.time_offset_s + later_s(changes, c, stamp_s[there])
-        px = camera.undistort(own.points2d_px[there, c][:, joints])
-        image, share = _neighbours(taken_s, time_s)
-        at_px, at_weight = _interpolated(px, own.confidence[there, c][:, joints], taken_s, image, share, own)
-        stamps_s = stamp_s[there][image] if there.any() else time_s
+        at_px = between_images(taken_s, camera.undistort(own.points2d_px[there, c][:, joints]), time_s)
+        at_weight = smaller_around(taken_s, own.confidence[there, c][:, joints], time_s)
+        image = np.searchsorted(taken_s, time_s + 1e-9, side="right") - 1
+        stamps_s = stamp_s[there][np.maximum(image, 0)] if there.any() else time_s
         for since_s, until_s, pose in pieces(changes, c, camera):
             holds = (stamps_s >= since_s) & (stamps_s < until_s)
             normalized = (at_px[holds] - camera.K[:2, 2]) / np.diag(camera.K)[:2]
@@ -111,42 +109,6 @@ def _of_person(
             centre_m[c, holds], world_R_camera[c, holds] = pose[:3, 3], pose[:3, :3]
         weight[c] = np.where(np.isfinite(direction[c]).all(axis=-1), at_weight, 0.0)
     return time_s, direction, weight, centre_m, world_R_camera
-
-
-def _neighbours(
-    taken_s: Float[np.ndarray, " image"], time_s: Float[np.ndarray, " time"]
-) -> tuple[Int[np.ndarray, " time"], Float[np.ndarray, " time"]]:
-    """The image before each time, and how much of the next one counts."""
-    if len(taken_s) < 2:
-        return np.zeros(len(time_s), dtype=int), np.full(len(time_s), np.nan)
-    image = np.clip(np.searchsorted(taken_s, time_s + 1e-9, side="right") - 1, 0, len(taken_s) - 2)
-    apart_s = taken_s[image + 1] - taken_s[image]
-    share = (time_s - taken_s[image]) / np.where(apart_s > 0, apart_s, np.nan)
-    return image, np.where(np.abs(share) < 1e-6, 0.0, np.where(np.abs(share - 1) < 1e-6, 1.0, share))
-
-
-def _interpolated(
-    px: Float[np.ndarray, "image joint 2"],
-    confidence: Float[np.ndarray, "image joint"],
-    taken_s: Float[np.ndarray, " image"],
-    image: Int[np.ndarray, " time"],
-    share: Float[np.ndarray, " time"],
-    own: Observations,
-) -> tuple[Float[np.ndarray, "time joint 2"], Float[np.ndarray, "time joint"]]:
-    if len(taken_s) < 2:
-        return np.full((len(image), *px.shape[1:]), np.nan), np.zeros((len(image), px.shape[1]))
-    apart_s = taken_s[image + 1] - taken_s[image]
-    near = (share >= 0) & (share <= 1) & (apart_s < _REACH_STEPS * _step_s(taken_s, own))
-    exact, after = (share == 0) | (share == 1), share[:, None]
-    between_px = (1 - after[..., None]) * px[image] + after[..., None] * px[image + 1]
-    one = np.where(share == 1, image + 1, image)
-    at_px = np.where(exact[:, None, None], px[one], np.where(near[:, None, None], between_px, np.nan))
-    least = np.minimum(confidence[image], confidence[image + 1])
-    return at_px, np.where(exact[:, None], confidence[one], np.where(near[:, None], least, 0.0))
-
-
-def _step_s(taken_s: Float[np.ndarray, " image"], own: Observations) -> float:
-    return max(usual_step_s(taken_s), usual_step_s(own.frame_time_s))
 
 
 def chosen_joints(own: Observations) -> Int[np.ndarray, " joint"]:

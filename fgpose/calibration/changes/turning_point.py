@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.changes.change import Change, later_s
-from fgpose.calibration.changes.lag_costs import angle, robust
+from fgpose.calibration.changes.lag_costs import angle, weighted
 from fgpose.calibration.changes.rays import Rays, rays_of
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
+from fgpose_factors.robust_statistics import robust_sigma
 
 
 def turning_point_s(
@@ -68,5 +69,5 @@ def _of_rays(rays: Rays, c: int) -> Float[np.ndarray, " time"]:
     baseline_m = (rays.centre_m[c] - rays.centre_m[others])[:, :, None]
     angles = angle(rays.direction[others], rays.direction[c][None], baseline_m)
     weight = np.minimum(rays.weight[others], rays.weight[c])
-    scale = max(1.4826 * float(np.nanmedian(np.abs(angles))), 1e-4) if np.isfinite(angles).any() else 1.0
-    return np.where(weight > 0, weight * np.nan_to_num(robust(angles, scale)), 0.0).sum(axis=(0, 2))
+    scale = max(robust_sigma(angles), 1e-4) if np.isfinite(angles).any() else 1.0
+    return weighted(angles, weight, scale).sum(axis=(0, 2))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+STANDING = 0.1
+"""Somebody who stands still tells a tenth of what a walker at one radius of the body (0.5 m) per second does."""
 # Somebody who walks towards the camera grows by a fifth in this time at most; a crouch or a missing joint is over.
 _MEDIAN_S = 1.0
 

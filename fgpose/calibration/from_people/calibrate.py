@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.unknowns import FOCAL, OFFSET, TRANSLATION, Groups
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
-from fgpose.calibration.from_people.rig.evidence import body_radius_px, frames_of
+from fgpose.calibration.from_people.rig.evidence import INLIER_SHARE, body_radius_px, frames_of
 from fgpose.calibration.from_people.rig.focal_check import check_focal
 from fgpose.calibration.from_people.rig.scaffold import scaffolds
 from fgpose.calibration.from_people.rig.somebody_else import with_the_walker
@@ -28,7 +28,7 @@ from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.verdict.inputs import gather
 from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, camera_sigmas
 from fgpose.calibration.from_people.verdict.verdict import findings
-from fgpose.calibration.from_people.walk import Track, Walk
+from fgpose.calibration.from_people.walk import SHORT_S, Track, Walk
 from fgpose.calibration.from_people.world.metric import Metric, to_metric
 from fgpose.calibration.from_people.world.scale import MeasuredDistance, check_stature
 from fgpose.geometry.camera import CameraRig
@@ -58,8 +58,6 @@ class Parts:
 
 _ALL = Parts()
 _STEPS = 7
-_INLIER_SHARE = 0.2  # of the body's radius: joints of views that are further apart are not those of one person
-_LEAST_HALF_S = 5.0  # a walk of less cannot be halved
 
 
 def calibrate_from_people(
@@ -189,7 +187,7 @@ class _Adjusting:
 
     def halves(self, walk: Walk, rig: CameraRig) -> tuple[AdjustedWalk, AdjustedWalk] | None:
         """Of each half of the recording; None where one is too short, or shows too little."""
-        if walk.time_s[-1] - walk.time_s[0] < 2 * _LEAST_HALF_S:
+        if walk.time_s[-1] - walk.time_s[0] < 2 * SHORT_S:
             return None
         is_first = walk.time_s < 0.5 * (walk.time_s[0] + walk.time_s[-1])
         try:
@@ -210,7 +208,7 @@ def _joints(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:
     """Of all frames of the walk, in the gauge of the rig."""
     radius_px = float(np.nanmedian([body_radius_px(walk.points2d_px[:, c]) for c in range(rig.n_cameras)]))
     undistorted_px = rig.undistort(walk.points2d_px)
-    return triangulate_robust(undistorted_px, walk.confidence, rig, _INLIER_SHARE * radius_px).positions_m
+    return triangulate_robust(undistorted_px, walk.confidence, rig, INLIER_SHARE * radius_px).positions_m
 
 
 def _of_positions(adjusted: AdjustedWalk) -> Float[np.ndarray, "camera 3 camera 3"]:

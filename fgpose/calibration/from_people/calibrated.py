@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -21,6 +22,11 @@ class Grade(Enum):
     FAILED = "failed"
     """No rig file is written."""
 
+    @property
+    def gravity(self) -> int:
+        """The larger, the worse."""
+        return list(Grade).index(self)
+
 
 @dataclass(frozen=True)
 class CalibrationFinding:
@@ -33,6 +39,10 @@ class CalibrationFinding:
     """As "the focal length is not determined"."""
     remedy: str
     """As "walk towards the camera and away from it"."""
+
+
+def worst_grade(findings: Sequence[CalibrationFinding]) -> Grade:
+    return max((finding.grade for finding in findings), key=lambda grade: grade.gravity, default=Grade.GOOD)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,5 +85,4 @@ class CalibratedFromPeople:
     @property
     def grade(self) -> Grade:
         """The worst of the findings."""
-        grades = [finding.grade for finding in self.findings]
-        return max(grades, key=list(Grade).index, default=Grade.GOOD)
+        return worst_grade(self.findings)

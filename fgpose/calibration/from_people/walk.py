@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from fgpose.sampling import usual_step_s
 from fgpose.skeleton import Skeleton
+
+SHORT_S = 5.0
+"""A walk of less tells neither when a video began nor, in two halves, how certain a rig is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,3 +46,17 @@ class Walk:
     """In [0, 1]; 0 = missing."""
     points3d_m: Float[np.ndarray, "frame camera joint 3"] | None = None
     """In the frame of each camera, metres; NaN = missing; None: 2D only."""
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "frame camera joint"]:
+        return np.isfinite(self.points2d_px).all(axis=-1) & (self.confidence > 0)
+
+    @property
+    def shows_walker(self) -> Bool[np.ndarray, "frame camera"]:
+        """Whether a camera sees a quarter of the joints: fewer are no person."""
+        return np.asarray(self.seen.sum(axis=-1) >= self.skeleton.n_joints / 4)
+
+    @property
+    def step_s(self) -> float:
+        """Usual time from frame to frame; 0 with one frame."""
+        return usual_step_s(self.time_s) if len(self.time_s) > 1 else 0.0

@@ -16,6 +16,7 @@ from fgpose.diagnosis.hypotheses.scene import limb_joints
 from fgpose.finding import Code, Finding, Severity
 from fgpose.observations import Observations, blanked
 from fgpose.sampling import frames_per_second
+from fgpose_factors.robust_statistics import robust_sigma
 
 # Of the detections of a joint in one camera. Where most are at (0, 0), that is where the joint is put; the estimator
 # leaves out a few, as it does outliers.
@@ -36,7 +37,6 @@ _TREMBLES = 0.005
 # Of the distance between rays. Where both are small, the keypoints have no errors: they are of no network.
 _OF_DISTANCE = 0.25
 _WHITE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70)  # leaves white noise as it is, takes motion away
-_SIGMA_OF_MEDIAN = 1.4826
 
 
 def zero_keypoints(examined: Examined) -> list[Finding]:
@@ -154,7 +154,7 @@ def _trembling(points_px: Float[np.ndarray, "frame joint 2"], step: int) -> floa
     fast = known & (speed >= np.quantile(speed[known], _FAST))
     whole = points_px[np.isfinite(points_px).all(axis=(1, 2))]
     spread_px = float(np.median(np.std(whole, axis=1))) if len(whole) else 0.0
-    return _SIGMA_OF_MEDIAN * float(np.median(noise_px[fast])) / spread_px if spread_px > 0 else np.nan
+    return robust_sigma(noise_px[fast]) / spread_px if spread_px > 0 else np.nan
 
 
 def _smoothed(camera: str, trembling_mm: float, severity: Severity) -> Finding:

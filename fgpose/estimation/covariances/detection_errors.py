@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 _LONGEST_LAG_S, _MOST_LAGS = 1.0, 12
-_ROUNDING = 1e-9  # of the trace: two cameras in line with a joint do not tell its distance
+IN_LINE = 1e-9
+"""Of the trace of the information on a joint: two cameras in line with it do not tell its distance."""
 _LEAST_DIMENSIONS = 1e-6
 _GOOD_WEIGHT = 0.3  # detections with less are rejected: hallucinations have correlations of their own
 # A rejected detection that is nearer to the pose, in its standard deviations, may be of a visible joint: errors that
@@ -57,8 +58,7 @@ class Parity:
         residual = np.where(known[..., None], residual, 0.0).transpose(0, 2, 1, 3).reshape(of_view.shape)
         jacobian = np.where(known[..., None, None], jacobian, 0.0).transpose(0, 2, 1, 3, 4).reshape(*of_view.shape, 3)
         information = jacobian.swapaxes(-1, -2) @ jacobian
-        trace = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
-        root = np.linalg.cholesky(information + np.where(trace > 0, _ROUNDING * trace, 1.0) * np.eye(3))
+        root = np.linalg.cholesky(invertible(information))
         explained = np.linalg.solve(root, jacobian.swapaxes(-1, -2)).swapaxes(-1, -2)
         moved = np.einsum("tjva,tjw,tjwa->tjv", explained, residual, explained, optimize=True)
         return Parity(np.where(of_view, residual - moved, 0.0), explained, of_view)
@@ -71,6 +71,12 @@ class Parity:
     def joined(parts: list[Parity]) -> Parity:
         """Of parts that follow each other."""
         return Parity(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+
+
+def invertible(information: Float[np.ndarray, "*joints 3 3"]) -> Float[np.ndarray, "*joints 3 3"]:
+    """On joints, also on those that cameras in line see, or none."""
+    trace = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    return information + np.where(trace > 0, IN_LINE * trace, 1.0) * np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)

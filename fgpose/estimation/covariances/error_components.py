@@ -25,9 +25,15 @@ from fgpose.estimation.covariances.detection_errors import (
     lags_of,
     share_of_visible,
 )
-from fgpose.estimation.covariances.rig_errors import MEMORY_S, SURELY_M, CameraMoves, without_move
+from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, SURELY_M, CameraMoves, without_move
 from fgpose.estimation.covariances.roughness import TELLS_AGAIN_S, roughness
-from fgpose.estimation.covariances.variance_components import TIMES_S, ErrorComponents, correlation_after
+from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR
+from fgpose.estimation.covariances.variance_components import (
+    LONGEST_STEP_S,
+    TIMES_S,
+    ErrorComponents,
+    correlation_after,
+)
 from fgpose.estimation.noise import surely_positive
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
@@ -37,10 +43,8 @@ from fgpose.sampling import spread_evenly, usual_step_s
 # Deviations are averaged over the axes of a joint and over so much time as well. Then so few samples give standard
 # deviations to some 5 %.
 _SAMPLES, _AVERAGED_S = 8, 1.0
-_LEAST_FACTOR = 0.02  # what is left of a variance where nothing errs
 _NEXT_TO_NOTHING_M2 = 1e-12
 _LEAST_TELLING = 1e-3  # of the variance of the graph
-_LONGEST_STEP_S = 1e3  # beyond any recording; a single frame has no next one
 _CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 
 
@@ -50,7 +54,7 @@ def covariance_of_errors_m2(
     """Covariance of every active joint around the solution of a segment, NaN elsewhere; and the variance of the
     lasting errors of each joint's detections, in that of the graph."""
     linearized, joints = NormalEquations(segment).linearized(positions_m), segment.joints
-    step_s = min(usual_step_s(segment.evidence.time_s), _LONGEST_STEP_S)
+    step_s = min(usual_step_s(segment.evidence.time_s), LONGEST_STEP_S)
     bias_share = segment.evidence.bias_share[:, joints, None, None]
     with one_blas_thread():
         covariance_m2 = surely_positive(linearized.covariance_m2())
@@ -66,7 +70,7 @@ def covariance_of_errors_m2(
         # In the directions and units of the covariance of the graph, which knows each frame.
         inverse = np.linalg.inv(np.linalg.cholesky(of_graph_m2))
         relative = inverse @ deviations.covariance_m2 @ inverse.swapaxes(-1, -2)
-        relative += np.maximum(of_motion, _LEAST_FACTOR)[..., None, None] * np.eye(3)
+        relative += np.maximum(of_motion, LEAST_FACTOR)[..., None, None] * np.eye(3)
         root = np.linalg.cholesky(in_graph_m2[known])
         found_m2 = root @ relative[known] @ root.swapaxes(-1, -2) + (bias_share * of_cameras_m2)[known]
     frames, slots = np.nonzero(known)
@@ -176,14 +180,14 @@ def _of_cameras(
     jacobian, positions_m = linearized.jacobian, positions_m[:, segment.joints]
     residual, good = _with_bias(segment, linearized), accepted(jacobian, segment.evidence.weights[:, :, segment.joints])
     moves = CameraMoves.of(residual, jacobian, good, positions_m, segment.rig)
-    half = max(int(MEMORY_S / 2 / step_s), 1)
+    half = max(int(MOVE_MEMORY_S / 2 / step_s), 1)
     parts = [slice(start, start + half) for start in range(0, segment.n_frames, half)]
     around = [(slice(max(part.start - half, 0), part.stop), slice(part.start, part.stop + half)) for part in parts]
     without = residual.copy()
     for part, (before, _) in zip(parts, around, strict=True):
         moved = moves.sums(before).most_likely()
         without[part] = without_move(residual[part], jacobian[part], positions_m[part], moved, segment.rig)
-    independent = _components(segment, linearized, without, step_s).independent(MEMORY_S, step_s)
+    independent = _components(segment, linearized, without, step_s).independent(MOVE_MEMORY_S, step_s)
     found_m2 = np.zeros((*jacobian.shape[:1], *jacobian.shape[2:3], 3, 3))
     for part, stretches in zip(parts, around, strict=True):
         moments_m2 = np.mean([moves.sums(stretch).moments(independent) for stretch in stretches], axis=0)

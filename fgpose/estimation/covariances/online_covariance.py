@@ -14,17 +14,16 @@ from fgpose.estimation.covariances.few_view_errors import widened
 from fgpose.estimation.covariances.filter_response import FilterResponse, filter_responses, index_of_gain
 from fgpose.estimation.covariances.roughness import NewestPose, RunningRoughness
 from fgpose.estimation.covariances.running_errors import RunningErrors
-from fgpose.estimation.covariances.uncertainty import distrust_factor_online, with_swing
-from fgpose.estimation.covariances.variance_components import TIMES_S
+from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR, distrust_factor_online, with_swing
+from fgpose.estimation.covariances.variance_components import LONGEST_STEP_S, TIMES_S
 from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.noise import surely_positive
+from fgpose.estimation.process_noise import NEARBY_S
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 
-_MEMORY_S = 0.2  # of how much detections tell; a joint that was seen until now is filtered as if it still were
-_LEAST_FACTOR = 0.02  # what is left of a variance where nothing errs
-_LEAST_STEP_S, _MOST_STEP_S = 1e-4, 1e3  # no camera is faster, and nothing lasts longer
+_LEAST_STEP_S = 1e-4  # no camera is faster
 
 
 class OnlineCovariances:
@@ -40,7 +39,8 @@ class OnlineCovariances:
         self.errors.add(evidence, positions_m, oldest.step_s, rig)
         self.roughness.compare(oldest.at.frame, positions_m, evidence.observed[0] & oldest.active, oldest.step_s)
         information = np.nan_to_num(evidence.information(positions_m[None], rig)[0])
-        keep = np.where(information > 0, np.exp(-oldest.step_s / _MEMORY_S), 1.0)
+        # A joint that was seen until now is filtered as if it still were.
+        keep = np.where(information > 0, np.exp(-oldest.step_s / NEARBY_S), 1.0)
         self._information = keep * self._information + (1 - keep) * information
 
     def of_newest_m2(
@@ -88,7 +88,7 @@ class OnlineCovariances:
     ) -> tuple[FilterResponse, FilterResponse, FilterResponse]:
         """Of the newest pose, the smoothed one and their difference; at first, when a frame alone tells more than in a
         steady state, as if motion were that fast."""
-        step_s = float(np.clip(step_s, _LEAST_STEP_S, _MOST_STEP_S))
+        step_s = float(np.clip(step_s, _LEAST_STEP_S, LONGEST_STEP_S))
         joints, model = state.joints, self._config.motion.model
         added_m2 = state.process_density[joints] * step_s ** (3 if model == "constant_velocity" else 1)
         index = np.sqrt(added_m2 * self._information[joints])
@@ -127,7 +127,7 @@ class OnlineCovariances:
         if state.joints:
             factor = self._noise(state, response) + self.roughness.value * response.motion
             distrust = distrust_factor_online(_probable_weight(state), state.gathered.total_weight[0])[state.joints]
-            factor = distrust * np.maximum(factor, _LEAST_FACTOR)
+            factor = distrust * np.maximum(factor, LEAST_FACTOR)
             covariance_m2[state.joints] = factor[:, None, None] * surely_positive(linear_m2)
             covariance_m2 += self.errors.of_cameras_m2(evidence, state.positions_m, rig)
         covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]

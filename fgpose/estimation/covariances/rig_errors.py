@@ -16,16 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.estimation.covariances.detection_errors import IN_LINE, invertible
 from fgpose.geometry.camera import Camera, CameraRig
 
 # How far a camera that has moved may have moved, at the joints; and how probable it is that it has, beforehand.
 _MOVED_M, _PROBABILITY = (0.03, 0.1, 0.3), 0.01
-MEMORY_S = 5.0
+MOVE_MEMORY_S = 5.0
 """A camera may be moved at any time: its pose is judged by the frames of so long. In less, people stand where the
 views contradict each other too little."""
 SURELY_M = 0.005
 """A camera that has moved farther, over all hypotheses, has moved: calibrations are seldom worse."""
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +61,7 @@ class CameraMoves:
         of_cameras = [jacobian[:, c] @ _by_pose(camera, positions_m) for c, camera in enumerate(rig.cameras)]
         by_pose = np.stack(of_cameras, axis=1)
         information = np.einsum("tcjia,tcjib->tjab", jacobian, jacobian)
-        trace = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
-        inverse = np.linalg.inv(information + np.where(trace > 0, _ROUNDING * trace, 1.0) * np.eye(3))
+        inverse = np.linalg.inv(invertible(information))
         on_joint = (jacobian.swapaxes(-1, -2) @ by_pose).transpose(0, 2, 1, 3, 4)
         moved = -inverse[:, :, None] @ on_joint
         explained = np.einsum("tcjia,tjab,tdjkb,tdjk->tcji", jacobian, inverse, jacobian, residual, optimize=True)
@@ -103,7 +102,7 @@ class MoveSums:
     def most_likely(self) -> tuple[int, Float[np.ndarray, " 6"]]:
         """The camera whose move explains the most of the residuals, and the move."""
         trace = np.trace(self.information, axis1=-2, axis2=-1)[:, None, None]
-        ridge = (_ROUNDING * trace + 1.0 / _MOVED_M[-1] ** 2) * np.eye(6)
+        ridge = (IN_LINE * trace + 1.0 / _MOVED_M[-1] ** 2) * np.eye(6)
         moves = np.linalg.solve(self.information + ridge, -self.gradient[..., None])[..., 0]
         camera = int(np.argmin(np.einsum("cn,cn->c", moves, self.gradient)))
         return camera, moves[camera]

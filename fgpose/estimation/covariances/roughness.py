@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.estimation.noise import MEMORY_S
+
 TELLS_AGAIN_S = 0.2
 """Joints tell it anew after so long."""
 _NINETIETH = 6.251 / 3  # of chi-squared with three degrees of freedom, in their number
 _MOST, _PRIOR_MEASUREMENTS = 30.0, 50.0  # so many measurements tell more than the graph
 _HALVINGS = 12  # to a hundredth
-_MEMORY_S = 30.0  # as fgpose.estimation.covariances.running_errors
 # At first poses move because lengths, biases and hallucinations are found.
 _SETTLES_S = 1.0
 
@@ -66,7 +67,7 @@ class RunningRoughness:
     def __init__(self) -> None:
         self.value = 1.0
         self._newest: dict[int, NewestPose] = {}
-        self._found: deque[Float[np.ndarray, "3 joint"]] = deque(maxlen=int(_MEMORY_S / TELLS_AGAIN_S))
+        self._found: deque[Float[np.ndarray, "3 joint"]] = deque(maxlen=int(MEMORY_S / TELLS_AGAIN_S))
         self._since_s = -_SETTLES_S
 
     def note(self, frame: int, pose: NewestPose) -> None:

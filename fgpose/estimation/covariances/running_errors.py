@@ -19,23 +19,14 @@ from fgpose.estimation.covariances.detection_errors import (
     products_of_others,
     share_of_visible,
 )
-from fgpose.estimation.covariances.rig_errors import MEMORY_S, CameraMoves, MoveSums, without_move
-from fgpose.estimation.covariances.variance_components import ErrorComponents
+from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, CameraMoves, MoveSums, without_move
+from fgpose.estimation.covariances.variance_components import MOST_FRAMES, ErrorComponents
 from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.noise import MEMORY_S
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 
-# A network, a light and a person are the same for longer than this; a camera may be moved.
-_MEMORY_S = 30.0
 _EVERY_S, _OF_ALL = 0.5, 0.25  # fits take a few milliseconds, and errors change slowly once something is known
-_LONGEST_FRAMES = 1000  # a stream of more frames in a second is cut short
-
-
-# Variance of the errors in that of the graph, before anything is known of them. The spread that the graph takes is
-# learned from residuals, which are smaller online, where fewer frames contradict each other.
-_TOTAL_AT_FIRST = 1.0
-
-
 _OTHERS_EVERY_S = 0.1  # neighbouring frames tell the same of cameras and of the correlation between joints
 _LEAST_MOMENT_M2 = 1e-8  # a tenth of a millimetre
 
@@ -52,7 +43,7 @@ class RunningErrors:
 
     def __init__(self, n_cameras: int, n_joints: int) -> None:
         importlib.import_module("scipy.optimize")  # takes 0.2 s: the first fit would stop for it
-        self.components = ErrorComponents.usual(n_joints, _TOTAL_AT_FIRST)
+        self.components = ErrorComponents.usual(n_joints)
         self.moments_m2 = np.zeros((n_cameras, 6, 6))
         self._n_joints = n_joints
         self._parities: deque[Parity] = deque()
@@ -74,17 +65,17 @@ class RunningErrors:
         if tells_others:
             good = accepted(jacobian, evidence.weights)
             moves = CameraMoves.of(residual, jacobian, good, positions_m[None], rig).sums(slice(None))
-            self._moves = moves.plus(self._moves, float(np.exp(-self._since_others_s / MEMORY_S)))
+            self._moves = moves.plus(self._moves, float(np.exp(-self._since_others_s / MOVE_MEMORY_S)))
             self._moved = self._moves.most_likely()
         residual = without_move(residual, jacobian, positions_m[None], self._moved, rig)
         telling = TellingDetections.of(residual, jacobian, evidence.weights)
-        keep = float(np.exp(-step_s / _MEMORY_S))
+        keep = float(np.exp(-step_s / MEMORY_S))
         self._within, self._around = keep * self._within + telling.within, keep * self._around + telling.around
         self._step_s = step_s if self._n_frames == 0 else keep * self._step_s + (1 - keep) * step_s
         self._n_frames = keep * self._n_frames + 1
         self._add_later(Parity.joined(list(telling.parities)), keep)
         if tells_others:
-            memory = float(np.exp(-self._since_others_s / _MEMORY_S))
+            memory = float(np.exp(-self._since_others_s / MEMORY_S))
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
             self._since_others_s = 0.0
         self._since_s += step_s
@@ -104,7 +95,7 @@ class RunningErrors:
     def _add_later(self, parity: Parity, keep: float) -> None:
         """Products with the frames before; the lags are by the step of the first."""
         if len(self._sums) == 0:
-            self._lags = lags_of(_LONGEST_FRAMES, max(self._step_s, 1.0 / _LONGEST_FRAMES))
+            self._lags = lags_of(MOST_FRAMES, max(self._step_s, 1.0 / MOST_FRAMES))
             self._sums = np.zeros((len(self._lags), 2, 2, self._n_joints))
         self._parities.appendleft(parity)
         there = self._lags < len(self._parities)
@@ -126,7 +117,7 @@ class RunningErrors:
             self._n_frames, products, dimensions, *self._others, axes=axes, axes_dimensions=axes_dimensions
         )
         self.components = ErrorComponents.of(found, self._lags * self._step_s, self._step_s)
-        independent = self.components.independent(MEMORY_S, self._step_s) * _OTHERS_EVERY_S / self._step_s
+        independent = self.components.independent(MOVE_MEMORY_S, self._step_s) * _OTHERS_EVERY_S / self._step_s
         self.moments_m2, self._since_s = self._moves.moments(independent), 0.0
 
 

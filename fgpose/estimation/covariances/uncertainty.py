@@ -19,11 +19,12 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import SwingConfig
-from fgpose.estimation.noise import surely_positive
+from fgpose.estimation.noise import ROUNDING, surely_positive
 from fgpose.skeleton import Skeleton
 
+LEAST_FACTOR = 0.02
+"""What is left of a variance in that of the graph where nothing errs."""
 _TRUSTED_VIEWS = 1.5
-_ROUNDING = 1e-12  # of the largest variance of a joint; less would be negative or zero by rounding
 # Fitted to the newest pose on the tuning clips of the benchmark, clean and occluded.
 _DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 15.0, 2.5
 
@@ -64,7 +65,7 @@ def at_least(
         np.isfinite(covariance_m2).all(axis=(-1, -2)) & least_m2.any(axis=(-1, -2)),
     )
     variance_m2, own = np.linalg.eigh(surely_positive(covariance_m2[known]))
-    sigma_m = np.sqrt(np.maximum(variance_m2, _ROUNDING * variance_m2[..., -1:]))[..., None, :]
+    sigma_m = np.sqrt(np.maximum(variance_m2, ROUNDING * variance_m2[..., -1:]))[..., None, :]
     own, whitening = own * sigma_m, own / sigma_m
     ratio, axes = np.linalg.eigh(whitening.swapaxes(-1, -2) @ least_m2[known] @ whitening)
     axes = own @ axes

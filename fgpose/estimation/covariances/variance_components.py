@@ -21,6 +21,10 @@ from fgpose.estimation.noise import CORRELATED_FACTOR, CORRELATION_S, ErrorCorre
 
 TIMES_S = (0.0, 0.05, CORRELATION_S, 0.5, np.inf)
 """Correlation times of the components, from white to constant. Others in between look like two of them."""
+LONGEST_STEP_S = 1e3
+"""From frame to frame: beyond what any component lasts. A single frame has no next one."""
+MOST_FRAMES = 1000
+"""Of one sum; frames may be nanoseconds apart."""
 # So many pairs of detections, counted as independent, outweigh what is usual. One camera and one joint give 7 a second.
 _PRIOR_PAIRS = 10.0
 _PRIOR_PAIRS_OF_JOINT = 1.0  # the joint's own fit is shrunk afterwards
@@ -35,7 +39,6 @@ _USUAL_DIFFERENCE, _MOST_DIFFERENCE = 0.3, 0.9
 # as large horizontally as vertically, of all other joints together as large (OpenPose, BlazePose full and heavy against
 # three other cameras: fgpose_benchmarks/data/detection_errors). Half of it, for that is one man.
 _OF_HIPS, _HIPS = 0.5, ("hip", "pelvis")
-_MOST_FRAMES = 1000.0  # of one sum; frames may be nanoseconds apart
 _STEPS = 200  # of the integral over the squared correlation
 
 
@@ -51,9 +54,10 @@ class ErrorComponents:
     """Variance along the horizontal and the vertical axis of the images, in that of both."""
 
     @staticmethod
-    def usual(n_joints: int, total: float) -> ErrorComponents:
-        """Before anything is known: correlated as usual, with this total variance."""
-        usual = total / _usual().sum() * _usual()
+    def usual(n_joints: int) -> ErrorComponents:
+        """Before anything is known: correlated as usual, with the variance of the graph. The spread that it takes is
+        learned from residuals, which are smaller online, where fewer frames contradict each other."""
+        usual = 1 / _usual().sum() * _usual()
         return ErrorComponents(np.tile(usual, (n_joints, 1)), np.eye(n_joints), np.ones((n_joints, 2)))
 
     @staticmethod
@@ -98,7 +102,7 @@ class ErrorComponents:
         """How much of an independent measurement, in the variance of the graph, each detection is of what all joints
         and all frames of so long have in common."""
         of_all = self.variances.mean(axis=0)
-        after_s = step_s * np.arange(1, max(int(min(duration_s / step_s, _MOST_FRAMES)), 1))
+        after_s = step_s * np.arange(1, max(int(min(duration_s / step_s, MOST_FRAMES)), 1))
         weight = 1 - after_s / duration_s
         lasting = [np.sum(weight * correlation_after(time_s, after_s)) for time_s in TIMES_S[1:]]
         frames_as_one = 1 + 2 * float(of_all[1:] @ lasting) / max(float(of_all.sum()), 1e-12)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.estimation.noise import shrunk
+from fgpose.estimation.noise import LEAST_SPREAD_M, MEMORY_S, shrunk
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 
@@ -30,11 +30,8 @@ _PRIOR_BIASES = 4.0
 USUAL_M = 0.01
 """Standard deviation along each axis of the image that is usual; BlazePose and OpenPose have 9 to 12 mm on a recording
 (fgpose_benchmarks.synthetic.real_errors), calibrations add theirs."""
-_LEAST_M = 0.002
 _TURNS = 10  # of the re-estimation: three times as many change no error on the tuning clips of the benchmark by 0.1 %
 _LEAST_MEASUREMENTS = 1.0
-# Online biases follow a person who turns, and a camera that is moved.
-_MEMORY_S = 30.0
 _EVERY_S = 0.5  # it takes half a millisecond, and biases change slowly
 # Information on d, 1/m^2: keeps it finite where one camera is alone, and is nothing beside any detection.
 _NEXT_TO_NOTHING = 1e-2
@@ -123,7 +120,7 @@ class ResidualSums:
             common = np.einsum("cjia,jab,cjib->cj", weighted, covariance_m2, jacobian)
             determined = np.sum(share * (2 - common), axis=1)
             determined = np.maximum(determined, 1e-9)
-            own_m2 = np.maximum(np.sum(bias_m**2, axis=(1, 2)) / determined, _LEAST_M**2)
+            own_m2 = np.maximum(np.sum(bias_m**2, axis=(1, 2)) / determined, LEAST_SPREAD_M**2)
             of_all_m2 = np.exp(np.average(np.log(own_m2), weights=determined))
             usual_m2 = shrunk(of_all_m2, determined.sum(), USUAL_M**2, _PRIOR_BIASES)
             variance_m2 = shrunk(own_m2, determined, usual_m2, _PRIOR_BIASES)
@@ -156,7 +153,7 @@ class RunningBias:
 
     def add(self, sums: ResidualSums, step_s: float, spread_m: Float[np.ndarray, " camera"]) -> None:
         """Take the next frame, this time after the one before."""
-        self._sums = sums.plus(self._sums, keep=float(np.exp(-step_s / _MEMORY_S)))
+        self._sums = sums.plus(self._sums, keep=float(np.exp(-step_s / MEMORY_S)))
         self._since_s += step_s
         if self._since_s >= _EVERY_S:
             self.bias, self._since_s = self._sums.bias(spread_m), 0.0

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.metrics import mean_known
-from fgpose.config import Config, FusionConfig
+from fgpose.config import Config, DepthConfig, FusionConfig
 from fgpose.estimation.noise import surely_positive
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
@@ -19,8 +19,6 @@ from fgpose_factors import robust_weight
 _MIN_ERROR = 1e-4
 # After ten steps the mean moves by less than a millimetre (real recordings).
 _MEAN_ITERATIONS = 10
-# In sigmas, as depth.kernel_scale: it judges the same measurements.
-_MEAN_KERNEL_SCALE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +45,12 @@ def fuse(observations: Observations, rig: CameraRig, config: Config | None = Non
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
     """
-    fusion = (config or Config()).fusion
+    config = config or Config()
     observations.check_cameras(rig.names)
     undistorted_px = rig.undistort(observations.points2d_px)
-    inlier_px = rig.in_own_px(fusion.inlier_px)
+    inlier_px = rig.in_own_px(config.fusion.inlier_px)
     triangulated_m = triangulate_robust(undistorted_px, observations.confidence, rig, inlier_px).positions_m
-    return fuse_undistorted(observations, triangulated_m, undistorted_px, rig, fusion)
+    return fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config)
 
 
 def fuse_undistorted(
@@ -60,19 +58,20 @@ def fuse_undistorted(
     triangulated_m: Float[np.ndarray, "frame joint 3"],
     undistorted_px: Float[np.ndarray, "frame camera joint 2"],
     rig: CameraRig,
-    config: FusionConfig,
+    config: Config,
 ) -> Fusion:
     """fuse for points that are undistorted and triangulated already."""
     points3d_m, covariance_m2 = observations.points3d_m, observations.covariance3d_m2
     if points3d_m is None:
-        return _from_triangulation(triangulated_m, undistorted_px, rig, config)
-    fused = _from_candidates(points3d_m, undistorted_px, rig, config)
-    if config.mean == "covariance" and covariance_m2 is not None:
-        fused = replace(fused, positions_m=_robust_mean_m(points3d_m, covariance_m2, fused.positions_m))
+        return _from_triangulation(triangulated_m, undistorted_px, rig, config.fusion)
+    fused = _from_candidates(points3d_m, undistorted_px, rig, config.fusion)
+    if config.fusion.mean == "covariance" and covariance_m2 is not None:
+        mean_m = _robust_mean_m(points3d_m, covariance_m2, fused.positions_m, config.depth)
+        fused = replace(fused, positions_m=mean_m)
     without_3d = np.asarray(np.isnan(fused.positions_m).any(axis=-1))
     if not without_3d.any():
         return fused
-    filler = _from_triangulation(triangulated_m, undistorted_px, rig, config)
+    filler = _from_triangulation(triangulated_m, undistorted_px, rig, config.fusion)
     at_camera = without_3d[:, None]
     return Fusion(
         np.where(without_3d[..., None], filler.positions_m, fused.positions_m),
@@ -116,8 +115,9 @@ def _robust_mean_m(
     points3d_m: Float[np.ndarray, "frame camera joint 3"],
     covariance_m2: Float[np.ndarray, "frame camera joint 3 3"],
     start_m: Float[np.ndarray, "frame joint 3"],
+    config: DepthConfig,
 ) -> Float[np.ndarray, "frame joint 3"]:
-    """Mean of the views' points by their covariances, with a Cauchy kernel, by iterated reweighting."""
+    """Mean of the views' points by their covariances, by iterated reweighting with the kernel of their depths."""
     known = np.asarray(np.isfinite(covariance_m2).all(axis=(-1, -2)))[..., None, None]
     information = np.where(known, np.linalg.inv(surely_positive(np.where(known, covariance_m2, np.eye(3)))), 0.0)
     points_m, mean_m = np.where(known[..., 0], points3d_m, 0.0), np.nan_to_num(start_m)
@@ -125,7 +125,7 @@ def _robust_mean_m(
     for _ in range(_MEAN_ITERATIONS):
         off_m = points_m - mean_m[:, None]
         squared = np.einsum("tcji,tcjik,tcjk->tcj", off_m, information, off_m)
-        weighted = robust_weight(squared, "cauchy", _MEAN_KERNEL_SCALE)[..., None, None] * information
+        weighted = robust_weight(squared, config.kernel, config.kernel_scale)[..., None, None] * information
         total = surely_positive(np.where(seen, weighted.sum(axis=1), np.eye(3)))
         mean_m = np.linalg.solve(total, np.einsum("tcjik,tcjk->tji", weighted, points_m)[..., None])[..., 0]
     return np.where(seen[..., 0], mean_m, start_m)

@@ -20,6 +20,7 @@ from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.geometry.view_depth import RELATIVE_SIGMA, ViewDepth
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
+from fgpose_factors.robust_statistics import robust_sigma
 
 _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
 _FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
@@ -28,7 +29,6 @@ _FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.u
 _ENOUGH_DEPTHS = 500
 # Depths that were triangulated themselves fit better than any network's.
 _LEAST_RELATIVE_SIGMA = 0.01
-_SIGMAS_PER_MEDIAN = 1.4826  # of the absolute value of a normal error
 
 
 def gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
@@ -134,7 +134,7 @@ def _without_depths(
         rig.in_own_px(config.fusion.inlier_px),
     ).positions_m
     triangulated_m[(np.abs(triangulated_m) > FARTHEST_M).any(axis=-1)] = np.nan
-    fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
+    fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config)
     guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
     no_view = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
     nowhere = no_view[..., None].repeat(3, axis=-1)
@@ -195,5 +195,5 @@ def _relative_sigma(error: Float[np.ndarray, "frame camera joint"]) -> Float[np.
     for view in range(error.shape[1]):
         known = error[:, view][np.isfinite(error[:, view])]
         if known.size >= _ENOUGH_DEPTHS:
-            sigma[view] = max(float(_SIGMAS_PER_MEDIAN * np.median(np.abs(known))), _LEAST_RELATIVE_SIGMA)
+            sigma[view] = max(robust_sigma(known), _LEAST_RELATIVE_SIGMA)
     return sigma

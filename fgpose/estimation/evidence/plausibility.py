@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 
 # Median distance of the joints from their middle: 0.3 to 0.7 m, so 300 "metres" in millimetres. A few wrong
 # triangulations do not change the median of some joints.
-_LARGEST_BODY_M, _MILLIMETRES_M, _MIN_JOINTS = 1.5, 30.0, 4
+_LARGEST_BODY_M, _MILLIMETRES_M = 1.5, 30.0
 _LONGEST_BONE_M = 0.75  # no bone of a person is longer
 # Where two cameras agree on fewer of the joints that two detect, they do not see the same body.
 _LEAST_AGREEMENT = 0.25
@@ -56,10 +57,10 @@ class Bodies:
         bones_m = skeleton.bone_lengths(positions_m)
         n_long, n_bones = (bones_m > _LONGEST_BONE_M).sum(axis=1), np.isfinite(bones_m).sum(axis=1)
         n_seen = (n_views >= 2).sum(axis=1)
-        implausible = outside | (size_m > np.where(n_known < _MIN_JOINTS, _MILLIMETRES_M, _LARGEST_BODY_M))
-        implausible |= (n_bones >= _MIN_JOINTS) & (2 * n_long > n_bones)
-        implausible |= (n_seen >= _MIN_JOINTS) & (n_known < _LEAST_AGREEMENT * n_seen)
-        large = (size_m > _MILLIMETRES_M) & (n_known >= min(_MIN_JOINTS, skeleton.n_joints))
+        implausible = outside | (size_m > np.where(n_known < MIN_JOINTS, _MILLIMETRES_M, _LARGEST_BODY_M))
+        implausible |= (n_bones >= MIN_JOINTS) & (2 * n_long > n_bones)
+        implausible |= (n_seen >= MIN_JOINTS) & (n_known < _LEAST_AGREEMENT * n_seen)
+        large = (size_m > _MILLIMETRES_M) & (n_known >= min(MIN_JOINTS, skeleton.n_joints))
         return Bodies(size_m, large, implausible, (n_known > 1) | implausible)
 
     @property

@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-# Somebody who was not seen for a moment and is farther away than people run is somebody else; so many joints tell it.
-_AWAY_S, _NEAR_M, _RUNS_MPS, _MIN_JOINTS = 0.2, 0.5, 6.0, 4
+MIN_JOINTS = 4
+"""Fewer do not tell a body from some wrong detections."""
+# Somebody who was not seen for a moment and is farther away than people run is somebody else.
+_AWAY_S, _NEAR_M, _RUNS_MPS = 0.2, 0.5, 6.0
 
 
 def present(
@@ -55,7 +57,7 @@ def has_left(
     if unseen_s > coast_s:
         return True
     both = np.isfinite(before_m).all(axis=-1) & np.isfinite(now_m).all(axis=-1)
-    if unseen_s < _AWAY_S or np.count_nonzero(both) < _MIN_JOINTS:
+    if unseen_s < _AWAY_S or np.count_nonzero(both) < MIN_JOINTS:
         return False
     moved_m = np.median(now_m[both], axis=0) - np.median(before_m[both], axis=0)
     return bool(np.linalg.norm(moved_m) > _NEAR_M + _RUNS_MPS * unseen_s)

@@ -15,11 +15,7 @@ import numpy as np
 from fgpose.estimation.factors.point_prior import PointPriors
 from fgpose.estimation.keys import Keys
 from fgpose.estimation.segment import Segment
-from fgpose_factors import Kernel, noise_model
-
-# The depth of one view can be far off.
-_KERNEL: Kernel = "cauchy"
-_KERNEL_SCALE = 1.5
+from fgpose_factors import noise_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +31,9 @@ class Anchors(PointPriors):
             positions_m = np.where(anchored[..., None], segment.evidence.guess_m[:, segment.joints], 0.0)
             sigma_m = segment.config.fusion.anchor_sigma_m
             information = anchored[..., None, None] * np.eye(3) / sigma_m**2
-            yield cls(positions_m, information, _KERNEL, _KERNEL_SCALE, sigma_m)
+            # The depth of one view can be far off.
+            depth = segment.config.depth
+            yield cls(positions_m, information, depth.kernel, depth.kernel_scale, sigma_m)
 
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]:
         noise = noise_model(3, self.sigma_m, self.kernel, self.kernel_scale)

@@ -16,15 +16,15 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import CORRELATED_FACTOR, shrunk, surely_positive
+from fgpose.estimation.noise import CORRELATED_FACTOR, LEAST_SPREAD_M, shrunk, surely_positive
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.skeleton import Skeleton
 from fgpose_factors import robust_weight
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH, weighted_median
 
 # So many independent measurements outweigh the prior spread: of all cameras, and of one camera against all.
 PRIOR_MEASUREMENTS, PRIOR_MEASUREMENTS_OF_CAMERA = 30.0, 50.0
-LEAST_SPREAD_M = 0.002
 
 # The numbers below were chosen on the tuning clips of the benchmark, standard family. Twice or half of each changes the
 # mean errors there by less than 2 %, with two cameras 4 %.
@@ -39,8 +39,6 @@ _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
 # Where less of the variance of a detection is left in its residual, that is of the pose rather than of the detection.
 _LEAST_REDUNDANCY = 0.2
-# Median length of a two-dimensional normal error of standard deviation 1 per axis.
-_MEDIAN_LENGTH = 1.1774
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +140,7 @@ class DetectionResiduals:
     @property
     def single_spread_m(self) -> Float[np.ndarray, "frame camera joint"]:
         """What each detection alone says for the spread: half of those of a normal error say less."""
-        return self.length_m / np.sqrt(np.where(self.tells, self.redundancy, 1.0)) / _MEDIAN_LENGTH
+        return self.length_m / np.sqrt(np.where(self.tells, self.redundancy, 1.0)) / MEDIAN_LENGTH
 
     def spread_m(self, prior_m: float, independent: float) -> Float[np.ndarray, " camera"]:
         """Standard deviation of the visible detections of each camera, along each axis of the image, at the joint.
@@ -156,7 +154,7 @@ class DetectionResiduals:
             if not which.any():
                 return prior_m
             measurements = independent * float(self.weights[which].sum())
-            own_m = max(_weighted_median(single_m[which], self.weights[which]), LEAST_SPREAD_M)
+            own_m = max(weighted_median(single_m[which], self.weights[which]), LEAST_SPREAD_M)
             return float(shrunk(own_m, measurements, prior_m, prior_measurements))
 
         tells, single_m = self.tells, self.single_spread_m
@@ -316,12 +314,6 @@ def _share_of_others(skeleton: Skeleton) -> Float[np.ndarray, "joint joint"]:
         shares[joint, mirrored] += _MIRRORED_SHARE
     np.fill_diagonal(shares, 0.0)
     return shares
-
-
-def _weighted_median(values: Float[np.ndarray, " value"], weights: Float[np.ndarray, " value"]) -> float:
-    order = np.argsort(values)
-    cumulated = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(cumulated, cumulated[-1] / 2)])
 
 
 def _log_density(

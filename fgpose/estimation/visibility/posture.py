@@ -21,8 +21,6 @@ _INDEPENDENT_S = 0.5
 # (CMU walking, dancing, balancing), bones of trunk and thigh vary by 0.1 to 0.25, all by less than 0.45.
 _PRIOR_DIRECTIONS, _PRIOR_SIGMA = 2.0, 0.2
 _LEAST_SIGMA = 0.05
-# Of the component of a unit vector of which nothing is known.
-_UNKNOWN_VARIANCE = 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +80,8 @@ class Posture:
         own = np.maximum(square - mean**2, 0.0) + _LEAST_SIGMA**2
         last_known = np.isfinite(last).all(axis=-1)
         last_mean = np.where(last_known, np.nan_to_num(last) @ ray, 0.0)
-        last_variance = np.where(last_known, _PRIOR_SIGMA**2, _UNKNOWN_VARIANCE)
+        # A component of a unit vector of which nothing is known has a variance of 1/3.
+        last_variance = np.where(last_known, _PRIOR_SIGMA**2, 1 / 3)
         n, prior = np.where(seen, self.duration_s / _INDEPENDENT_S, 0.0), _PRIOR_DIRECTIONS
         mixed = (n * mean + prior * last_mean) / (n + prior)
         apart = n * prior / (n + prior) ** 2 * (mean - last_mean) ** 2

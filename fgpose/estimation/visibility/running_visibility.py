@@ -11,10 +11,9 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import Bias, RunningBias
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import CORRELATION_S
+from fgpose.estimation.noise import CORRELATION_S, LEAST_SPREAD_M
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
 from fgpose.estimation.visibility.detection_residuals import (
-    LEAST_SPREAD_M,
     PRIOR_MEASUREMENTS_OF_CAMERA,
     DetectionResiduals,
 )
@@ -27,6 +26,7 @@ from fgpose.estimation.visibility.visibility import (
 )
 from fgpose.estimation.visibility.visibility_chain import Chain, Stays
 from fgpose.geometry.camera import CameraRig
+from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import Skeleton
 
 # Online, the spread follows a camera that is moved within some seconds.
@@ -37,7 +37,6 @@ _MEDIAN_GAIN = 0.72
 # later takes it back. At 0 the mean error of the newest pose on the tuning clips of the benchmark, occluded, is 3 %
 # larger.
 _SURE_ONLINE = 4.0
-_LEAST_STEP_S = 1e-6  # a camera that is there twice at one time tells nothing new
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +52,8 @@ class _Known:
     """From which that was learned, as far as they count still."""
 
     def since_s(self, evidence: Evidence) -> Float[np.ndarray, "camera 1"]:
-        """Time from the last image of each camera to a frame."""
-        return np.maximum(evidence.time_s[0] - self.last_s, _LEAST_STEP_S)
+        """Time from the last image of each camera to a frame; one that is there twice at one time tells nothing new."""
+        return np.maximum(evidence.time_s[0] - self.last_s, TIME_ROUNDING_S)
 
 
 class Filtered(NamedTuple):
@@ -226,7 +225,7 @@ class RunningVisibility:
         if not self._on:
             return evidence
         probability = np.where(is_own[:, None], filtered.probability, judged.visibility[0])
-        since_s = np.full((len(probability), 1), max(filtered.time_s - before.time_s, _LEAST_STEP_S))
+        since_s = np.full((len(probability), 1), max(filtered.time_s - before.time_s, TIME_ROUNDING_S))
         return self._with_probability(probability[None], evidence, positions_m, rig, since_s)
 
     def predicted(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> Evidence:

@@ -20,7 +20,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.estimation.noise import correlated_frames, surely_positive
+from fgpose.estimation.noise import CORRELATION_S, correlated_frames, surely_positive
 from fgpose.estimation.visibility.posture import Posture
 from fgpose.skeleton import Skeleton
 
@@ -30,9 +30,6 @@ _SPEED_SIGMA_MPS, _SPEED_S = 0.7, 1.0
 _TILT_S = 0.35
 _WALK_DENSITY = 0.01  # of the distance of the body, m^2/s, beside its speed
 _BONE_SIGMA_M = 0.005
-# Twice the time over which the errors of a network are correlated, because a part of them stays for longer. With half
-# of it distances of synthetic walkers are too small by 3 cm more, and 2 % fewer are within their 99 %.
-_CORRELATION_S = 0.3
 _FEWEST_SIGMAS = 3.0  # residual from which a bone counts less: one of its detections is probably hallucinated
 _FIRST_SIGMA_M = 2.0  # of a body that was not seen by several cameras yet
 _UNKNOWN_LENGTH_M, _SHORTEST_M = 0.3, 0.01
@@ -183,7 +180,10 @@ class DistanceFilter:
         error_m2 = sight.sigma_m[start] ** 2 + sight.sigma_m[end] ** 2
         mean_m2 = np.einsum("bi,bi->b", gradient, along_m) / 2 + np.trace(curved, axis1=1, axis2=2) / 2
         across_m2 = np.maximum(1 - cosine**2, 0.0) * along_m.prod(axis=1)
-        noise_m4 = (4 * across_m2 * error_m2 + 4 * error_m2**2) * correlated_frames(step_s, _CORRELATION_S)
+        # Twice the time, because a part of the errors stays for longer. With half of it distances of synthetic walkers
+        # are too small by 3 cm more, and 2 % fewer are within their 99 %.
+        as_one = correlated_frames(step_s, 2 * CORRELATION_S)
+        noise_m4 = (4 * across_m2 * error_m2 + 4 * error_m2**2) * as_one
         noise_m4 = noise_m4 + (2 * length_m * _BONE_SIGMA_M) ** 2 + np.einsum("bij,bji->b", curved, curved) / 2
         # Errors across the bone make it look longer.
         missing_m2 = length_m**2 - (mean_m2 - 2 * error_m2)

@@ -25,6 +25,7 @@ from fgpose.monocular.networks.sessions import identity
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.networks.yolox import person_detector
 from fgpose.skeleton import LIMBS, Skeleton
+from fgpose_factors.robust_statistics import CAUCHY_SCALE
 
 _N_KEYPOINTS = 133  # of COCO-WholeBody
 _N_BODY = 17  # COCO-WholeBody begins with the joints of COCO; feet, face and hands follow
@@ -42,7 +43,6 @@ _LENGTH_SIGMA = 0.10
 _DEPTH_SIGMA_M = 0.06
 _MIN_CONFIDENCE = 0.3  # mmpose draws joints from here on
 _MIN_BONES = 3  # of two that disagree, nothing tells which is wrong
-_CAUCHY = 2.385  # 95 % efficient where there is no outlier
 _ITERATIONS = 20  # bounds the time; the weights change less each time
 
 
@@ -175,7 +175,7 @@ def _robust_mean(values: Float[np.ndarray, " n"], sigmas: Float[np.ndarray, " n"
     """Weighted mean with Cauchy weights, and its standard deviation: from the sigmas or the scatter, the larger one."""
     mean, weights = float(np.median(values)), sigmas**-2
     for _ in range(_ITERATIONS):
-        weights = sigmas**-2 / (1 + ((values - mean) / (_CAUCHY * sigmas)) ** 2)
+        weights = sigmas**-2 / (1 + ((values - mean) / (CAUCHY_SCALE * sigmas)) ** 2)
         mean = float(weights @ values / weights.sum())
     chi2 = weights @ (values - mean) ** 2 / (len(values) - 1)
     return mean, float(np.sqrt(max(1.0, chi2) / weights.sum()))

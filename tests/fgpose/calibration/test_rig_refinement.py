@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import fgpose
+from fgpose.calibration import Ending
 from fgpose.calibration.adjustment import problem
 from fgpose.config import SolverConfig
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
@@ -117,6 +118,8 @@ def test_an_optimiser_that_has_not_converged_is_told(
     assert fgpose.calibration.refine_rig(walking_scene.observations, rig).converged
     late = rig.with_time_offsets(np.array([0.0, 0.01, 0.0, 0.0]))
     hasty = fgpose.Config(solver=SolverConfig(max_iterations=1))
-    assert not fgpose.calibration.refine_rig(walking_scene.observations.frames(slice(0, 10)), late, hasty).converged
+    stopped = fgpose.calibration.refine_rig(walking_scene.observations.frames(slice(0, 10)), late, hasty)
+    assert stopped.ending is Ending.MOTION
+    assert not stopped.converged
     monkeypatch.setattr(problem, "_MAX_ITERATIONS", 1)
-    assert not fgpose.calibration.refine_rig(walking_scene.observations, turned(rig, 2, 1.0)).converged
+    assert fgpose.calibration.refine_rig(walking_scene.observations, turned(rig, 2, 1.0)).ending is Ending.ADJUSTMENT

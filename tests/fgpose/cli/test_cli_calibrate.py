@@ -164,7 +164,7 @@ def test_intrinsics_of_a_file(source: list[str], chain: Chain, tmp_path: Path) -
 @pytest.fixture
 def network(squares_network: SquaresNetwork, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SquaresNetwork:
     """In place of every network. The videos here are short."""
-    monkeypatch.setattr("fgpose.calibration.from_people.starts.start_findings.SHORT_S", 0.1)
+    monkeypatch.setattr("fgpose.calibration.from_people.walk.SHORT_S", 0.1)
     monkeypatch.setenv("FGPOSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("fgpose.monocular.networks.open_network", lambda *arguments, **options: squares_network)
     return squares_network

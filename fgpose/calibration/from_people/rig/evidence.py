@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from fgpose.calibration.adjustment.sightings import Sightings
+from fgpose.calibration.from_people.body_size import body_radius
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.estimation.evidence.weights import LEAST_WEIGHT
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import spread_evenly, usual_step_s
 from fgpose.skeleton import Skeleton
+from fgpose_factors.robust_statistics import known_median
 
+INLIER_SHARE = 0.2
+"""Of the body's radius: joints of views that are further apart are not those of one person."""
 # Joints move almost uniformly for so long before and after a frame, and their errors are correlated over longer: wider
 # windows follow the swing of a limb less, narrower ones are noisier.
 _VELOCITY_S = 0.11
@@ -74,7 +78,7 @@ def frames_of_use(walk: Walk, joints: Int[np.ndarray, " joint"], at_most: int) -
     Raises:
         ValueError: there is none.
     """
-    seen = _seen(walk)[:, :, joints]
+    seen = walk.seen[:, :, joints]
     useful = np.flatnonzero((seen.sum(axis=1) >= 2).any(axis=1))
     if not useful.size:
         raise ValueError("the cameras cannot be calibrated: no two of them see the walker at the same time")
@@ -91,19 +95,8 @@ def frames_of(walk: Walk, frames: Int[np.ndarray, " used"]) -> Walk:
 
 
 def body_radius_px(points_px: Float[np.ndarray, "frame joint 2"]) -> float:
-    """How large the walker is in an image: root mean square distance of the joints from their centre, median over
-    frames; NaN where fewer than two joints are seen."""
-    known = np.asarray(np.isfinite(points_px).all(axis=-1))
-    count = known.sum(axis=1)
-    points_px = np.where(known[..., None], points_px, 0.0)
-    centre_px = points_px.sum(axis=1) / np.maximum(count, 1)[:, None]
-    squared_px2 = np.sum((points_px - centre_px[:, None]) ** 2, axis=-1)
-    radius_px = np.sqrt(np.sum(np.where(known, squared_px2, 0.0), axis=1) / np.maximum(count, 1))
-    return float(np.median(radius_px[count >= 2])) if (count >= 2).any() else np.nan
-
-
-def _seen(walk: Walk) -> Bool[np.ndarray, "frame camera joint"]:
-    return np.isfinite(walk.points2d_px).all(axis=-1) & (walk.confidence > 0)
+    """How large the walker is in an image: median over frames; NaN where fewer than two joints are seen."""
+    return known_median(body_radius(points_px))
 
 
 def _moving(
@@ -114,7 +107,7 @@ def _moving(
     around = np.clip(frames[:, None] + np.arange(-reach, reach + 1), 0, len(walk.time_s) - 1)
     window, place = np.unique(around, return_inverse=True)
     place = place.reshape(around.shape)
-    points_px = np.where(_seen(walk)[window][..., None], walk.points2d_px[window], np.nan)[:, :, joints]
+    points_px = np.where(walk.seen[window][..., None], walk.points2d_px[window], np.nan)[:, :, joints]
     points_px = rig.undistort(points_px)
     lag_s = walk.time_s[around] - walk.time_s[frames][:, None]
     near = (np.abs(lag_s) <= _VELOCITY_S) & np.append(np.ones((len(frames), 1), bool), np.diff(around) > 0, axis=1)

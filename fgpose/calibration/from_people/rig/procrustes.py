@@ -7,11 +7,14 @@ solutions by 30 and more.
 
 from __future__ import annotations
 
+import gtsam
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+
+from fgpose.estimation.evidence.presence import MIN_JOINTS
 
 _ITERATIONS = 20  # of the reweighting, which changes the rotation by less than 0.1 degrees after ten
-_LEAST_FRAMES, _LEAST_JOINTS = 3, 4
+_LEAST_FRAMES = 3
 _LEAST_ERROR_M = 0.01  # of a frame, whose weight is 1 / error; networks are not better
 
 
@@ -30,16 +33,16 @@ def procrustes_pose(
         None where both see too little at the same time.
     """
     known = np.asarray(np.isfinite(first_m).all(axis=-1) & np.isfinite(second_m).all(axis=-1))
-    enough = known.sum(axis=1) >= _LEAST_JOINTS
+    enough = known.sum(axis=1) >= MIN_JOINTS
     if enough.sum() < _LEAST_FRAMES:
         return None
     known = known[enough]
-    first_m, first_mean_m = _centred(first_m[enough], known)
-    second_m, second_mean_m = _centred(second_m[enough], known)
+    first_m, first_mean_m = centred(first_m[enough], known)
+    second_m, second_mean_m = centred(second_m[enough], known)
     products = np.einsum("tja,tjb->tab", first_m, second_m)
     R, weights = np.eye(3), np.ones(len(products))
     for _ in range(_ITERATIONS):
-        R = nearest_rotation(np.einsum("t,tab->ab", weights, products))
+        R = gtsam.Rot3.ClosestTo(np.einsum("t,tab->ab", weights, products)).matrix()
         squared_m2 = np.sum((first_m - second_m @ R.T) ** 2, axis=(1, 2)) / known.sum(axis=1)
         weights = 1 / np.maximum(np.sqrt(squared_m2), _LEAST_ERROR_M)
     first_T_second = np.eye(4)
@@ -48,21 +51,10 @@ def procrustes_pose(
     return first_T_second
 
 
-def nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """The rotation that maximises trace(R' M) (Kabsch 1976)."""
-    u, _, vt = np.linalg.svd(matrix)
-    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-
-
-def angle_deg(first: Float[np.ndarray, "3 3"], second: Float[np.ndarray, "3 3"]) -> float:
-    """Between two rotations."""
-    cosine = (np.trace(first.T @ second) - 1) / 2
-    return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
-
-
-def _centred(
-    points_m: Float[np.ndarray, "frame joint 3"], known: np.ndarray
+def centred(
+    points_m: Float[np.ndarray, "frame joint 3"], known: Bool[np.ndarray, "frame joint"]
 ) -> tuple[Float[np.ndarray, "frame joint 3"], Float[np.ndarray, "frame 3"]]:
+    """Joints around the middle of those that are known in the frame, zero where it is not known; and the middle."""
     points_m = np.where(known[..., None], points_m, 0.0)
-    mean_m = points_m.sum(axis=1) / known.sum(axis=1)[:, None]
+    mean_m = points_m.sum(axis=1) / np.maximum(known.sum(axis=1), 1)[:, None]
     return np.where(known[..., None], points_m - mean_m[:, None], 0.0), mean_m

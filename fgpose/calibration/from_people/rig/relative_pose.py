@@ -14,11 +14,13 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.rig.procrustes import angle_deg
+from fgpose.assessment.rigs import angle_deg
+from fgpose.geometry.epipolar_distance import essential_matrix, sampson_errors
 
+LEAST_POINTS = 30
+"""That two cameras see in common; fewer do not tell how they stand to each other."""
 _RUNS = 8
 _MAX_POINTS = 1500  # for each proposal; thrice as many change no result by a tenth of its error
-_LEAST_POINTS = 30
 _SHARE = 0.5  # of the frames for each run
 _CONFIDENCE = 0.999
 _MAX_ITERATIONS = 2000  # at 30 % inliers the five-point method needs 2,800 for the confidence, at 40 % 670
@@ -60,7 +62,7 @@ def relative_poses(
         An empty list where both cameras see too little at the same time.
     """
     known = np.asarray(np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1))
-    if known.sum() < _LEAST_POINTS:
+    if known.sum() < LEAST_POINTS:
         return []
     judged = _some(known, rng)
     points = first[judged], second[judged]
@@ -91,7 +93,7 @@ def _proposals(
     for run in range(_RUNS):
         drawn = rng.random(n_frames) < (1.0 if run == 0 else _SHARE)
         used = _some(known & drawn[:, None], rng)
-        if used.sum() < _LEAST_POINTS:
+        if used.sum() < LEAST_POINTS:
             continue
         pair = np.ascontiguousarray(first[used]), np.ascontiguousarray(second[used])
         E, inliers = cv2.findEssentialMat(*pair, np.eye(3), cv2.USAC_MAGSAC, _CONFIDENCE, tolerance, _MAX_ITERATIONS)
@@ -114,45 +116,26 @@ def _polished(
     R, t = first_T_second[:3, :3], first_T_second[:3, 3] / np.linalg.norm(first_T_second[:3, 3])
     across = np.linalg.svd(t[None])[2][1:]
 
-    def pose(step: Float[np.ndarray, " 5"]) -> tuple[np.ndarray, np.ndarray]:
-        moved = t + step[3:] @ across
-        return R @ gtsam.Rot3.Expmap(step[:3]).matrix(), moved / np.linalg.norm(moved)
+    def pose(step: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "4 4"]:
+        moved, first_T_second = t + step[3:] @ across, np.eye(4)
+        first_T_second[:3, :3] = R @ gtsam.Rot3.Expmap(step[:3]).matrix()
+        first_T_second[:3, 3] = moved / np.linalg.norm(moved)
+        return first_T_second
 
     def errors(step: Float[np.ndarray, " 5"]) -> Float[np.ndarray, " point"]:
-        return sampson_errors(*pose(step), first, second)
+        return sampson_errors(essential_matrix(pose(step)), second, first)
 
     best = least_squares(errors, np.zeros(5), loss="cauchy", f_scale=tolerance, x_scale=0.1, max_nfev=30)
-    R, t = pose(best.x)
-    squared = (errors(best.x) / tolerance) ** 2
-    depths = _depths(R, t, first, second)
+    polished, squared = pose(best.x), (errors(best.x) / tolerance) ** 2
+    depths = _depths(polished[:3, :3], polished[:3, 3], first, second)
     in_front, behind = ((sign * depths > 0).all(axis=0).mean() for sign in (1, -1))
-    polished = np.eye(4)
-    polished[:3, :3], polished[:3, 3] = R, t if in_front >= behind else -t
+    polished[:3, 3] *= 1 if in_front >= behind else -1
     return RelativePose(
         polished,
         cost=float(np.mean(np.minimum(squared, 1.0))),
         in_front=float(max(in_front, behind)),
-        cross_check_deg=np.nan if from_3d is None else angle_deg(R, from_3d[:3, :3]),
+        cross_check_deg=np.nan if from_3d is None else angle_deg(polished[:3, :3], from_3d[:3, :3]),
     )
-
-
-def sampson_errors(
-    R: Float[np.ndarray, "3 3"],
-    t: Float[np.ndarray, " 3"],
-    first: Float[np.ndarray, "point 2"],
-    second: Float[np.ndarray, "point 2"],
-) -> Float[np.ndarray, " point"]:
-    """Distances of correspondences from the epipolar constraint, to first order (Hartley and Zisserman, eq. 11.9).
-
-    Args:
-        R, t: first_T_second.
-        first, second: points at unit focal length.
-    """
-    a, b = _rays(first), _rays(second)
-    E = _cross_matrix(t) @ R  # a' E b = 0
-    of_b, of_a = b @ E.T, a @ E
-    squared = np.sum(of_b[:, :2] ** 2, axis=1) + np.sum(of_a[:, :2] ** 2, axis=1)
-    return np.sum(a * of_b, axis=1) / np.sqrt(np.maximum(squared, 1e-24))
 
 
 def _depths(
@@ -191,7 +174,3 @@ def _inverse(R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, " 3"]) -> Float[n
 
 def _rays(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 3"]:
     return np.concatenate([points, np.ones((len(points), 1))], axis=1)
-
-
-def _cross_matrix(t: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    return np.cross(np.eye(3), t)

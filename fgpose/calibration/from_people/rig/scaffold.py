@@ -14,15 +14,17 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.assessment.rigs import angle_deg
 from fgpose.calibration.from_people.rig.evidence import (
+    INLIER_SHARE,
     Evidence,
     body_joints,
     body_radius_px,
     evidence_of,
     frames_of,
 )
-from fgpose.calibration.from_people.rig.procrustes import angle_deg, procrustes_pose
-from fgpose.calibration.from_people.rig.relative_pose import RelativePose, relative_poses
+from fgpose.calibration.from_people.rig.procrustes import procrustes_pose
+from fgpose.calibration.from_people.rig.relative_pose import LEAST_POINTS, RelativePose, relative_poses
 from fgpose.calibration.from_people.rig.unit import unit_of
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import Camera, CameraRig
@@ -31,8 +33,6 @@ from fgpose.geometry.triangulation import triangulate_robust
 _MAX_FRAMES = 150  # five seconds a frame in a walk of minutes: twice as many change no choice on the tuning scenes
 # Errors of a network are 20 to 40 mm, and a body has a radius (RMS) of about 0.45 m.
 _TOLERANCE_SHARE = 0.05
-_INLIER_SHARE = 0.2  # in a camera whose pose is only roughly right
-_LEAST_POINTS = 30
 _REFEREE_DEG = 30.0  # a pose that is further from the views' 3D is twisted; the 3D itself is 5 to 15 degrees off
 _RIVALS = 1.5  # a scaffold whose residual is so many times the best one is as good as far as can be known
 
@@ -153,7 +153,7 @@ class _Views:
 
         seen = (self.evidence.sightings.weights > 0).astype(int)
         shared = np.einsum("tcj,tdj->cd", seen, seen)
-        n_groups, group_of = connected_components(shared >= _LEAST_POINTS, directed=False)
+        n_groups, group_of = connected_components(shared >= LEAST_POINTS, directed=False)
         if n_groups == 1:
             return (
                 "no poses of the cameras explain what they saw; walk through the whole view of each, in several "
@@ -171,7 +171,7 @@ class _Views:
         cameras, rig = list(poses), CameraRig(tuple(self._camera(c, pose) for c, pose in poses.items()))
         sightings = self.evidence.sightings
         measured_px, weights = sightings.measured_px[:, cameras], sightings.weights[:, cameras]
-        return triangulate_robust(measured_px, weights, rig, _INLIER_SHARE * self.radius_px).positions_m
+        return triangulate_robust(measured_px, weights, rig, INLIER_SHARE * self.radius_px).positions_m
 
     def _camera(self, c: int, world_T_camera: Float[np.ndarray, "4 4"]) -> Camera:
         return replace(self.intrinsics.cameras[c], world_T_camera=world_T_camera)
@@ -182,7 +182,7 @@ class _Views:
 
         points_px = self.evidence.sightings.measured_px[:, c]
         known = np.isfinite(joints).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
-        if known.sum() < _LEAST_POINTS:
+        if known.sum() < LEAST_POINTS:
             return None
         points, image, K = joints[known], points_px[known], self.intrinsics.cameras[c].K
         found, rotation, t, inliers = cv2.solvePnPRansac(
@@ -191,11 +191,11 @@ class _Views:
             K,
             None,
             iterationsCount=300,
-            reprojectionError=_INLIER_SHARE * self.radius_px,
+            reprojectionError=INLIER_SHARE * self.radius_px,
             confidence=0.9999,
             flags=cv2.SOLVEPNP_SQPNP,
         )
-        if not found or inliers is None or len(inliers) < _LEAST_POINTS:
+        if not found or inliers is None or len(inliers) < LEAST_POINTS:
             return None
         inner = inliers[:, 0].astype(int)
         rotation, t = cv2.solvePnPRefineLM(points[inner], image[inner], K, None, rotation, t)

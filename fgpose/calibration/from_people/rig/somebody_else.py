@@ -12,12 +12,12 @@ from fgpose.calibration.from_people.rig.evidence import body_radius_px
 from fgpose.calibration.from_people.starts.starts import Starts
 from fgpose.calibration.from_people.starts.together import seen_at
 from fgpose.calibration.from_people.walk import Track, Walk
+from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import CameraRig
 
 # Radii of the body (0.5 m), of the middle of its joints: errors of detections move it by a tenth of that, and of people
 # who are nearer to each other than that it hardly matters who is who.
 _ELSEWHERE = 0.6
-_MIN_JOINTS = 4  # fewer do not tell a body from errors of its joints
 _FEW = 0.02  # of the frames of a camera: the robust kernel bears more
 
 
@@ -90,7 +90,7 @@ def _offset_px(
     n_known = np.isfinite(offset_px).sum(axis=-1)
     ordered = np.sort(offset_px, axis=-1)  # NaN last
     median_px = np.take_along_axis(ordered, (np.maximum(n_known, 1)[:, None] - 1) // 2, axis=-1)[:, 0]
-    return np.where(n_known >= _MIN_JOINTS, median_px, np.nan)
+    return np.where(n_known >= MIN_JOINTS, median_px, np.nan)
 
 
 def _replaced(

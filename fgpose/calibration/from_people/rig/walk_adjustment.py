@@ -27,9 +27,8 @@ from fgpose.calibration.from_people.walk import Walk
 from fgpose.config import ProjectionConfig
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH
 
-# Median length of two independent normal coordinates, in standard deviations.
-_RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 # Detections are off by tens of millimetres, and a body is half a metre from its centre to its joints (RMS).
 _LEAST_SIGMA_SHARE, _MOST_SIGMA_SHARE = 0.004, 0.1
 _ROUGH_SIGMA_SHARE = 0.1
@@ -202,7 +201,7 @@ class _Task:
         seen = np.isfinite(residual_px)
         n_detections, n_joints = int(seen.sum()), int(seen.any(axis=1).sum())
         left = max(2 * n_detections - 3 * n_joints, 1) / max(2 * n_detections, 1)
-        sigma_px = float(np.nanmedian(residual_px)) / (_RAYLEIGH_MEDIAN * np.sqrt(left)) if n_detections else np.inf
+        sigma_px = float(np.nanmedian(residual_px)) / (MEDIAN_LENGTH * np.sqrt(left)) if n_detections else np.inf
         return float(np.clip(sigma_px, *self._radius_px * np.array([_LEAST_SIGMA_SHARE, _MOST_SIGMA_SHARE])))
 
     def _triangulated(

@@ -7,20 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ, MotionSignals
+from fgpose.calibration.from_people.starts.motion_signals import MotionSignals
+from fgpose.estimation.noise import TELLING_HZ
+from fgpose_factors.robust_statistics import robust_sigma
 
 # Two tracks that have less in common say nothing: a quarter of the shorter one, and of short ones more.
 _MIN_SHARE = 0.25
 _MIN_OVERLAP_S, _MAX_MIN_OVERLAP_S, _SHORT_SHARE = 2.0, 10.0, 0.6
 # Peaks that are nearer together are one: it is the gait that makes others, a step (0.4 s) away or more.
 PEAK_WIDTH_S = 0.25
-# The shifts of which nothing is known but that the tracks do not overlap there.
-_NO_SCORE = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Correlation:
-    """Of two tracks, for all whole shifts in samples: time of the first = time of the second + shift / RATE_HZ."""
+    """Of two tracks, for all whole shifts in samples: time of the first = time of the second + shift / TELLING_HZ."""
 
     first_shift: int
     score: Float[np.ndarray, " shift"]
@@ -32,7 +32,7 @@ class Correlation:
         """Scores of shifts, 0 of those that are too large to have anything in common."""
         index = shifts - self.first_shift
         inside = (index >= 0) & (index < len(self.score))
-        return np.where(inside, self.score[np.clip(index, 0, max(len(self.score) - 1, 0))], _NO_SCORE)
+        return np.where(inside, self.score[np.clip(index, 0, max(len(self.score) - 1, 0))], 0.0)
 
     @property
     def shifts(self) -> Int[np.ndarray, " shift"]:
@@ -64,10 +64,10 @@ def correlate(first: MotionSignals, second: MotionSignals) -> Correlation:
 
     mask, other_mask = first.known.astype(float), second.known.astype(float)
     energy = product(first.values**2, other_mask) * product(mask, second.values**2)
-    overlap_s = product(mask, other_mask) / max(_n_common(first, second), 1) / RATE_HZ
+    overlap_s = product(mask, other_mask) / max(_n_common(first, second), 1) / TELLING_HZ
     enough = overlap_s >= min_overlap_s(first, second)
     correlation = product(first.values, second.values) / np.sqrt(np.maximum(energy, 1e-12))
-    score = np.where(enough, correlation * np.sqrt(np.maximum(overlap_s, 0.0)), _NO_SCORE)
+    score = np.where(enough, correlation * np.sqrt(np.maximum(overlap_s, 0.0)), 0.0)
     shift = first.first - second.first - (n_second - 1)
     return Correlation(shift, score / _chance(score[enough]), np.maximum(overlap_s, 0.0))
 
@@ -83,7 +83,7 @@ def peaks(score: Float[np.ndarray, " shift"], at_most: int, width_s: float = PEA
     from scipy.signal import find_peaks
 
     padded = np.concatenate([[-np.inf], score, [-np.inf]])
-    found = find_peaks(padded, height=1e-9, distance=max(round(width_s * RATE_HZ), 1))[0] - 1
+    found = find_peaks(padded, height=1e-9, distance=max(round(width_s * TELLING_HZ), 1))[0] - 1
     return found[np.argsort(-score[found], kind="stable")][:at_most]
 
 
@@ -95,5 +95,5 @@ def _n_common(first: MotionSignals, second: MotionSignals) -> int:
 
 def _chance(score: Float[np.ndarray, " shift"]) -> float:
     """Robust standard deviation of scores around 0."""
-    spread = 1.4826 * float(np.median(np.abs(score))) if score.size else 0.0
+    spread = robust_sigma(score) if score.size else 0.0
     return spread if spread > 1e-6 else 1.0

@@ -15,7 +15,9 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.starts.clocks import ClockShift
 from fgpose.calibration.from_people.starts.views import HALF_STRIDE_S, View
+from fgpose.geometry.epipolar_distance import sampson_errors
 from fgpose.sampling import spread_evenly
+from fgpose_factors.robust_statistics import CAUCHY_SCALE, SIGMA_OF_MEDIAN
 
 SPREAD = 0.05
 """25 mm at a body of 0.5 m radius: what detectors miss a joint by, biases included."""
@@ -205,16 +207,6 @@ def _robust_geometry(points: _Points) -> _Geometry | None:
     return _Geometry.of(scale @ F @ scale)
 
 
-def sampson_errors(
-    F: Float[np.ndarray, "3 3"], first: Float[np.ndarray, "point 2"], second: Float[np.ndarray, "point 2"]
-) -> Float[np.ndarray, " point"]:
-    """Signed; of errors that are alike in both images, the standard deviation of one coordinate."""
-    line, other_line = first @ F[:, :2].T + F[:, 2], second @ F[:2] + F[2]
-    algebraic = second[:, 0] * line[:, 0] + second[:, 1] * line[:, 1] + line[:, 2]
-    square = line[:, 0] ** 2 + line[:, 1] ** 2 + other_line[:, 0] ** 2 + other_line[:, 1] ** 2
-    return algebraic / np.sqrt(np.maximum(square, 1e-18))
-
-
 @dataclass(frozen=True, eq=False)
 class _Linearized:
     """Sampson errors near an estimate, by the seven numbers of the geometry, the shift and the rate."""
@@ -267,7 +259,7 @@ class _Linearized:
         """Of the residual and its swinging part, relative to the widths of the kernels: 95 % efficient for the errors
         as they are (Cauchy)."""
         both = np.stack([self.residual, self.swinging])
-        widths = 2.385 * 1.4826 * np.median(np.abs(both), axis=1, keepdims=True)
+        widths = CAUCHY_SCALE * SIGMA_OF_MEDIAN * np.median(np.abs(both), axis=1, keepdims=True)
         return (both / np.maximum(widths, 1e-9)) ** 2
 
     def _information(self, weights: Float[np.ndarray, "kind point"]) -> Float[np.ndarray, "9 9"]:

@@ -11,8 +11,9 @@ from jaxtyping import Int
 
 from fgpose.calibration.from_people.starts.correlation import PEAK_WIDTH_S, Correlation, correlate, peaks
 from fgpose.calibration.from_people.starts.epipolar_shift import fit_epipolar_shift
-from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ, MotionSignals
+from fgpose.calibration.from_people.starts.motion_signals import MotionSignals
 from fgpose.calibration.from_people.starts.views import View
+from fgpose.estimation.noise import TELLING_HZ
 
 _MAX_PEAKS = 8
 _MIN_PEAK = 0.4  # of the highest one
@@ -132,7 +133,7 @@ def _together(
     camera: int, offsets_s: Mapping[int, float], pairs: Mapping[tuple[int, int], Correlation]
 ) -> tuple[Int[np.ndarray, " offset"], np.ndarray]:
     """Offsets of a camera in samples, and what the correlations with all others say together."""
-    known = {one: round(offset_s * RATE_HZ) for one, offset_s in offsets_s.items()}
+    known = {one: round(offset_s * TELLING_HZ) for one, offset_s in offsets_s.items()}
     ranges = [(pairs[one, camera].first_shift + at, len(pairs[one, camera].score)) for one, at in known.items()]
     low, high = min(first for first, _ in ranges), max(first + n for first, n in ranges)
     offsets = np.arange(low, high)
@@ -150,7 +151,7 @@ def _proposed(
     offsets, score = _together(camera, offsets_s, pairs)
     highest = peaks(score, _MAX_PEAKS)
     found = [
-        _judged(camera, float(offsets[peak]) / RATE_HZ, float(score[peak]), offsets_s, pairs, views)
+        _judged(camera, float(offsets[peak]) / TELLING_HZ, float(score[peak]), offsets_s, pairs, views)
         for peak in highest
         if score[peak] >= _MIN_PEAK * score[highest[0]]
     ]
@@ -178,7 +179,7 @@ def _judged(
     """A peak, refined by the epipolar geometries with those that have most in common with the camera then."""
 
     def in_common(one: int) -> float:
-        shift = np.array([round((offset_s - offsets_s[one]) * RATE_HZ)])
+        shift = np.array([round((offset_s - offsets_s[one]) * TELLING_HZ)])
         return float(pairs[one, camera].at(shift)[0])
 
     partners = sorted(offsets_s, key=in_common, reverse=True)[:_MAX_PARTNERS]

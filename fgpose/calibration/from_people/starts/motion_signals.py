@@ -10,10 +10,9 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.body_size import mean_joint, steady_radius
 from fgpose.calibration.from_people.walk import Track
+from fgpose.estimation.noise import TELLING_HZ
 from fgpose.skeleton import Skeleton
 
-RATE_HZ = 25.0
-"""Of the signals: detections of walkers say nothing new within 0.04 s."""
 # Speeds are smoothed over less than a step (0.5 s); what is slower than the gait depends on the view, as the feet of
 # somebody who comes nearer go down in the image.
 _SMOOTH_S, _SLOW_S = 0.06, 0.4
@@ -34,7 +33,7 @@ class MotionSignals:
     """Signals of one track, sampled at whole numbers of samples by the clock of its camera."""
 
     first: int
-    """Number of the first sample; its time is first / RATE_HZ."""
+    """Number of the first sample; its time is first / TELLING_HZ."""
     values: Float[np.ndarray, "channel sample"]
     """Without slow parts, of unit variance times the weight of the channel; 0 where unknown."""
     known: Bool[np.ndarray, "channel sample"]
@@ -44,7 +43,7 @@ class MotionSignals:
 
     @property
     def lasts_s(self) -> float:
-        return self.known.shape[1] / RATE_HZ
+        return self.known.shape[1] / TELLING_HZ
 
 
 def motion_signals(track: Track, skeleton: Skeleton) -> MotionSignals:
@@ -99,13 +98,13 @@ class _Clock:
     def of(track: Track) -> _Clock | None:
         if len(track.time_s) < 2:
             return None
-        first, last = np.ceil(track.time_s[0] * RATE_HZ), np.floor(track.time_s[-1] * RATE_HZ)
+        first, last = np.ceil(track.time_s[0] * TELLING_HZ), np.floor(track.time_s[-1] * TELLING_HZ)
         middles_s = (track.time_s[1:] + track.time_s[:-1]) / 2
         return _Clock(int(first), int(last - first) + 1, middles_s) if last > first else None
 
     @property
     def times_s(self) -> Float[np.ndarray, " sample"]:
-        return (self.first + np.arange(self.n_samples)) / RATE_HZ
+        return (self.first + np.arange(self.n_samples)) / TELLING_HZ
 
     def smooth(
         self, time_s: Float[np.ndarray, " time"], values: Float[np.ndarray, "time channel"], sigma_s: float
@@ -113,12 +112,14 @@ class _Clock:
         """Weighted means around each sample (normalised convolution); NaN where little is known nearby."""
         from scipy.ndimage import gaussian_filter1d
 
-        sample = np.clip(np.round(time_s * RATE_HZ).astype(int) - self.first, 0, self.n_samples - 1)
+        sample = np.clip(np.round(time_s * TELLING_HZ).astype(int) - self.first, 0, self.n_samples - 1)
         known = np.isfinite(values)
         sums, counts = np.zeros((2, self.n_samples, values.shape[1]))
         np.add.at(sums, sample, np.where(known, values, 0.0))
         np.add.at(counts, sample, known)
-        sums, counts = (gaussian_filter1d(each, sigma_s * RATE_HZ, axis=0, mode="constant") for each in (sums, counts))
+        sums, counts = (
+            gaussian_filter1d(each, sigma_s * TELLING_HZ, axis=0, mode="constant") for each in (sums, counts)
+        )
         # Half of the weight, in images as often as they come.
         enough = 0.25 * min(len(time_s) / self.n_samples, 1.0)
         return np.where(counts > enough, sums / np.maximum(counts, 1e-9), np.nan)
@@ -187,7 +188,7 @@ def _turning(
     heading = smooth_m[:, 0] + 1j * smooth_m[:, 2]
     turned = np.full(len(heading), np.nan)
     # A product has no jump where the angle has one.
-    turned[1:-1] = np.angle(heading[2:] * heading[:-2].conj()) / 2 * RATE_HZ
+    turned[1:-1] = np.angle(heading[2:] * heading[:-2].conj()) / 2 * TELLING_HZ
     return turned[:, None]
 
 

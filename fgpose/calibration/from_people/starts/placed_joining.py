@@ -17,12 +17,12 @@ from jaxtyping import Float, Int
 from fgpose.calibration.from_people.starts.correlation import peaks
 from fgpose.calibration.from_people.starts.epipolar_shift import INDEPENDENT_S, SPREAD
 from fgpose.calibration.from_people.starts.joining import Joined, Joining
-from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ
 from fgpose.calibration.from_people.starts.views import View
+from fgpose.estimation.noise import TELLING_HZ
 from fgpose.sampling import spread_evenly
 
 # Somebody who walks is 50 mm further after this, twice what detectors miss a joint by.
-_STEP_S = 1 / RATE_HZ
+_STEP_S = 1 / TELLING_HZ
 _MAX_SAMPLES = 300
 _MAX_PEAKS = 6
 # Two videos of which less than this shows the same time are not compared.

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.starts.epipolar_shift import fit_epipolar_shift, sampson_errors
+from fgpose.calibration.from_people.starts.epipolar_shift import fit_epipolar_shift
 from fgpose.calibration.from_people.starts.views import View
+from fgpose.geometry.epipolar_distance import sampson_errors
 
 # Across the epipolar lines are the errors of the detections alone, along them these and the disparity. At the root of
 # two the disparity is as large as the errors: below, nobody's distance shows.

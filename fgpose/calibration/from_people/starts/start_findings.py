@@ -13,7 +13,7 @@ from fgpose.calibration.from_people.starts.joining import Joined
 from fgpose.calibration.from_people.starts.motion_signals import MotionSignals
 from fgpose.calibration.from_people.starts.same_view import shows_the_same
 from fgpose.calibration.from_people.starts.views import View
-from fgpose.calibration.from_people.walk import Track
+from fgpose.calibration.from_people.walk import SHORT_S, Track
 from fgpose.sampling import usual_step_s
 
 _LEAVE_OUT = "or leave this camera out (--cameras)"
@@ -21,8 +21,6 @@ _GIVE = "or cut the videos to begin at the same moment and say so (--synchronise
 AMBIGUOUS_REMEDY = "clap once, or walk about where all cameras see you, with turns and stops"
 """Of a motion that repeats itself, as on a treadmill."""
 _WALK = "walk about where all cameras see you, with turns and stops, for half a minute"
-SHORT_S = 5.0
-"""Of somebody who is seen for less it is not found when the video begins."""
 # Radii of the body per second, a quarter of a slow walk.
 _STILL = 0.5
 # Of an image period: beyond this a start is not known.

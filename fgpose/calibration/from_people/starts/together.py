@@ -7,23 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.from_people.body_size import steady_radius
-from fgpose.calibration.from_people.starts.interpolation import between_images, smaller_around
+from fgpose.calibration.from_people.body_size import STANDING, steady_radius
 from fgpose.calibration.from_people.starts.start_findings import in_words
 from fgpose.calibration.from_people.starts.starts import Starts
 from fgpose.calibration.from_people.walk import Track, Walk
-from fgpose.sampling import nearest, usual_step_s
+from fgpose.estimation.evidence.presence import MIN_JOINTS
+from fgpose.estimation.noise import TELLING_HZ
+from fgpose.sampling import between_images, nearest, smaller_around, usual_step_s
 from fgpose.skeleton import Skeleton
 
-# Errors of detections are correlated over 0.15 s; more frames a second say nothing new.
-_RATE_HZ = 25.0
 MAX_FRAMES = 1500
 """A minute: in half a minute a walker shows all that there is to see, but for where he does not come."""
 _PART_S = 2.0  # of a long recording, parts are kept or left out
-# A camera that shows less of the body says little of where it is.
-_MIN_JOINTS = 4
-# Somebody who stands still tells a tenth of what a walker at one radius of the body (0.5 m) per second does.
-_STILL = 0.1
 
 
 def together(tracks: Sequence[Track], starts: Starts, skeleton: Skeleton, max_frames: int = MAX_FRAMES) -> Walk:
@@ -87,7 +82,7 @@ def _frame_times_s(tracks: Sequence[Track], starts: Starts) -> Float[np.ndarray,
     begin_s, end_s = sorted(own_s[0] for own_s in common_s)[1], sorted(own_s[-1] for own_s in common_s)[-2]
     reference_s = next(s for track, s in zip(tracks, common_s, strict=True) if track.camera == starts.reference)
     usual_s = usual_step_s(reference_s)
-    every = max(int(1 / (usual_s * _RATE_HZ) + 1e-3), 1)
+    every = max(int(1 / (usual_s * TELLING_HZ) + 1e-3), 1)
     images_s, step_s = reference_s[::every], usual_s * every
     first, last = np.ceil((begin_s - images_s[0]) / step_s - 1e-6), np.floor((end_s - images_s[0]) / step_s + 1e-6)
     regular_s = images_s[0] + step_s * np.arange(first, last + 1)
@@ -103,12 +98,12 @@ def _chosen(
     max_frames: int,
 ) -> Bool[np.ndarray, " frame"]:
     """Frames that two cameras see; of many the parts that tell most."""
-    seeing = known.sum(axis=-1) >= _MIN_JOINTS
+    seeing = known.sum(axis=-1) >= MIN_JOINTS
     chosen = seeing.sum(axis=1) >= 2
     if chosen.sum() <= max_frames:
         return chosen
     moves = np.stack([_moves(points2d_px[:, c], time_s) for c in range(known.shape[1])], axis=1)
-    worth = np.where(chosen, np.sum(known.sum(axis=-1) * seeing * (_STILL + moves), axis=1), 0.0)
+    worth = np.where(chosen, np.sum(known.sum(axis=-1) * seeing * (STANDING + moves), axis=1), 0.0)
     part = np.floor((time_s - time_s[0]) / _PART_S).astype(int)
     frames_of, worth_of = np.bincount(part, chosen), np.bincount(part, worth)
     best = np.argsort(-worth_of / np.maximum(frames_of, 1), kind="stable")

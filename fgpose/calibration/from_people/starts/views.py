@@ -8,11 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.body_size import steady_radius
-from fgpose.calibration.from_people.starts.interpolation import between_images
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.epipolar_distance import essential_matrix
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import between_images, usual_step_s
 
 # Half of the time over which a velocity is taken. Noise is less than that of one step, and a walker's swinging foot
 # keeps its velocity for longer.

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.from_people.body_size import mean_joint, steady_radius
+from fgpose.calibration.from_people.body_size import STANDING, mean_joint, steady_radius
 from fgpose.calibration.from_people.starts.correlation import Correlation, correlate, peaks
 from fgpose.calibration.from_people.starts.motion_signals import MotionSignals, motion_signals
 from fgpose.calibration.from_people.tracks import chained, no_track
@@ -26,8 +26,6 @@ _MIN_SCORE_AT = 2.0
 # So many samples around a known moment: images of synchronised cameras are up to half an interval apart.
 _AROUND = np.arange(-1, 2)
 _N_PEAKS = 3
-# Somebody who stands still tells a tenth of what a walker at one radius of the body per second does.
-_STILL = 0.1
 
 
 def main_tracks(
@@ -82,7 +80,7 @@ def _seen(track: Track) -> float:
     # Of the body as a whole: the noise of single joints is no motion.
     centre_px = mean_joint(track.points2d_px)
     speed = np.linalg.norm(np.diff(centre_px, axis=0), axis=-1) / radius_px / np.diff(track.time_s)
-    weight = _STILL + np.minimum(np.nan_to_num(speed), 1.0)
+    weight = STANDING + np.minimum(np.nan_to_num(speed), 1.0)
     return float(np.sum(track.confidence[1:].mean(axis=1) * step_s * weight))
 
 

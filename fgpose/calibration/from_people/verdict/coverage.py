@@ -55,9 +55,8 @@ def coverage(walk: Walk, rig: CameraRig, joints_m: Float[np.ndarray, "frame join
         rig: in metres, z up, floor z = 0.
         joints_m: of the walk, world frame; NaN = not determined.
     """
-    seen = np.isfinite(walk.points2d_px).all(axis=-1) & (walk.confidence > 0)
+    seen, sees = walk.seen, walk.shows_walker
     hips_m, by_two = Anatomy(walk.skeleton).hips_m(joints_m), seen.sum(axis=1) >= 2
-    sees = seen.sum(axis=-1) >= walk.skeleton.n_joints / 4  # fewer joints are no person
     known_m = joints_m[by_two & np.isfinite(joints_m).all(axis=-1)]
     walked_m = hips_m[(sees.sum(axis=1) >= 2) & np.isfinite(hips_m).all(axis=-1), :2]
     cameras = [_of_camera(c, walk, rig, hips_m, seen[:, c], sees[:, c]) for c in range(rig.n_cameras)]
@@ -76,16 +75,15 @@ def _of_camera(
     """near, far, image_share, along, across, seen_s of a camera."""
     camera = rig.cameras[c]
     used_m = hips_m[sees & np.isfinite(hips_m).all(axis=-1)]
-    frame_s = float(np.median(np.diff(walk.time_s))) if len(walk.time_s) > 1 else 0.0
     cells = np.floor(walk.points2d_px[:, c][seen] / np.array(camera.size_px) * _GRID)
     inside = cells[((cells >= 0) & (cells < _GRID)).all(axis=-1)]
     share = len(np.unique(inside, axis=0)) / _GRID**2
     if not len(used_m):
-        return [np.nan, np.nan, share, np.nan, np.nan, float(sees.sum()) * frame_s]
+        return [np.nan, np.nan, share, np.nan, np.nan, float(sees.sum()) * walk.step_s]
     near, far = np.quantile(camera.to_camera_frame(used_m)[:, 2], _CENTILES)
     ground_m = used_m[:, :2] - used_m[:, :2].mean(axis=0)
     across, along = np.sqrt(np.maximum(np.linalg.eigvalsh(ground_m.T @ ground_m / len(ground_m)), 0.0))
-    return [float(near), float(far), share, float(along), float(across), float(sees.sum()) * frame_s]
+    return [float(near), float(far), share, float(along), float(across), float(sees.sum()) * walk.step_s]
 
 
 def _cells(ground_m: Float[np.ndarray, "point 2"]) -> set[tuple[int, int]]:

@@ -6,11 +6,12 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import triangulate
+from fgpose_factors.robust_statistics import known_median
 
-_MIN_JOINTS = 6  # of a frame: fewer do not tell a body from its joints
-_COMPLEX = np.array([1.0, 1.0j])
+_FEWEST = 6  # joints of a frame that tell by how much a body is turned and scaled
 
 
 def third_view_mrad(
@@ -34,7 +35,7 @@ def third_view_mrad(
     Returns:
         Milliradians; NaN where a camera never sees six joints of a frame that enough others see.
     """
-    return np.array([_median(third_view_of(c, undistorted_px, confidence, rig)) for c in range(rig.n_cameras)])
+    return np.array([known_median(third_view_of(c, undistorted_px, confidence, rig)) for c in range(rig.n_cameras)])
 
 
 def third_view_of(
@@ -67,7 +68,7 @@ def _left_out_rad(
     known = np.asarray((np.isfinite(seen) & np.isfinite(there)).all(axis=-1))
     weights = confidence[:, left_out] * confidence[:, others].max(axis=1)
     offset_rad = np.full(len(known), np.nan)
-    for t in np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS):
+    for t in np.flatnonzero(known.sum(axis=1) >= _FEWEST):
         offset_rad[t] = _body_offset(seen[t, known[t]], there[t, known[t]], weights[t, known[t]])
     return offset_rad
 
@@ -78,7 +79,7 @@ def _body_offset(
     """Root mean square of what a shift, a turn and a scaling of the image move the joints by, in focal lengths: the
     least-squares similarity, whose turn and scale are one complex number."""
     share = weights / weights.sum()
-    points, offsets = seen @ _COMPLEX, (there - seen) @ _COMPLEX
+    points, offsets = seen @ (1, 1j), (there - seen) @ (1, 1j)
     around, shift = points - share @ points, share @ offsets
     square = float(share @ np.abs(around) ** 2)
     grow = (share * around.conj()) @ (offsets - shift) / square if square > 0 else 0.0
@@ -95,14 +96,9 @@ def _out_of_plane_rad(
     out_rad = np.arcsin(np.clip(np.sum(rays[own] * normal, axis=-1) / np.where(length > 0, length, np.nan), -1, 1))
     known = np.isfinite(out_rad)
     offset_rad = np.full(len(known), np.nan)
-    for t in np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS):
+    for t in np.flatnonzero(known.sum(axis=1) >= _FEWEST):
         offset_rad[t] = abs(np.median(out_rad[t, known[t]]))
     return offset_rad
-
-
-def _median(angle: Float[np.ndarray, " frame"]) -> float:
-    known = angle[np.isfinite(angle)]
-    return float(np.median(known)) if known.size else float("nan")
 
 
 def cross_check_deg(
@@ -130,7 +126,7 @@ def _turned_deg(
 ) -> float:
     own_m = camera.to_camera_frame(joints_m)
     known = np.asarray((np.isfinite(seen_m) & np.isfinite(own_m)).all(axis=-1))
-    several = known.sum(axis=1) >= 4
+    several = known.sum(axis=1) >= MIN_JOINTS
     if not several.any():
         return float("nan")
     products = np.zeros((3, 3))

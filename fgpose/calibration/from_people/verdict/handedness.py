@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.calibration.from_people.rig.procrustes import centred
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.skeleton import Skeleton
 
@@ -73,19 +74,10 @@ def _better_mirrored(
     known = known & known[:, skeleton.mirror]
     if not known.any():
         return float("nan")
-    first, second = (_centred(points_m, known) for points_m in (first_m, second_m))
+    first, second = (centred(points_m, known)[0] for points_m in (first_m, second_m))
     size = float(np.sqrt(np.sum(first**2) * np.sum(second**2)))
     as_it_is, mirrored = _correlation(first, second, 1.0), _correlation(first, second[:, skeleton.mirror], -1.0)
     return (mirrored - as_it_is) / size if size > 0 else float("nan")
-
-
-def _centred(
-    points_m: Float[np.ndarray, "frame joint 3"], known: Bool[np.ndarray, "frame joint"]
-) -> Float[np.ndarray, "frame joint 3"]:
-    """Around the middle of the joints of the frame; zero where it is not known."""
-    points_m = np.where(known[..., None], points_m, 0.0)
-    middle_m = points_m.sum(axis=1) / np.maximum(known.sum(axis=1), 1)[:, None]
-    return np.where(known[..., None], points_m - middle_m[:, None], 0.0)
 
 
 def _correlation(

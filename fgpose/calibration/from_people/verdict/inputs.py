@@ -21,7 +21,6 @@ from fgpose.calibration.from_people.world.metric import Metric
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import is_of_another_size
 
-_SEEN_JOINTS = 0.25  # share of the joints with which somebody counts as seen
 _MIN_UNUSED = 25  # frames: with fewer the median of what was not used says less than all frames
 
 
@@ -104,7 +103,7 @@ def gather(
         handedness=handedness(joints_m, walk.skeleton),
         upright=metric.vertical.upright,
         camera_tilt_deg=_camera_tilt_deg(rig),
-        duration_s=_duration_s(walk),
+        duration_s=float((walk.shows_walker.sum(axis=1) >= 2).sum()) * walk.step_s,
         of_scale=metric.scale.findings,
         focal_check=focal_check,
         off_centre=np.array([is_of_another_size(camera) for camera in rig.cameras]),
@@ -136,9 +135,3 @@ def _distances_m(
 def _camera_tilt_deg(rig: CameraRig) -> float:
     up = -np.mean([camera.world_T_camera[:3, 1] for camera in rig.cameras], axis=0)
     return float(np.rad2deg(np.arctan2(np.linalg.norm(up[:2]), up[2])))
-
-
-def _duration_s(walk: Walk) -> float:
-    sees = (walk.confidence > 0).sum(axis=-1) >= _SEEN_JOINTS * walk.skeleton.n_joints
-    frame_s = float(np.median(np.diff(walk.time_s))) if len(walk.time_s) > 1 else 0.0
-    return float((sees.sum(axis=1) >= 2).sum()) * frame_s

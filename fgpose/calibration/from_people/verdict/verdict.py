@@ -18,22 +18,20 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.coverage import Coverage
 from fgpose.calibration.from_people.verdict.inputs import VerdictInputs
+from fgpose.calibration.from_people.walk import SHORT_S
 
 # Of good calibrations of simulated walkers the worst camera has 4 mrad in the median and 8 at most; where one is late,
 # 25 and more.
 _COARSE_MRAD = 10.0
-# A network's own 3D is 5 to 15 degrees off; twisted solutions are off by 30 and more.
-_REFEREE_COARSE_DEG, _REFEREE_FAILED_DEG = 15.0, 25.0
-# The whole recording is off by half of what its halves disagree by, or more if both share an error.
-_HALVES_COARSE_DEG, _HALVES_FAILED_DEG = 3.0, 8.0
-_HALVES_COARSE, _HALVES_FAILED = 0.06, 0.16  # position, as a share of the distance to the person: 3 and 9 degrees
-# Rotation, root of the sum over the axes: 5 degrees off would be three, and one and a quarter, standard deviations.
-_SIGMA_COARSE_DEG, _SIGMA_FAILED_DEG = 1.5, 4.0
-_SIGMA_COARSE, _SIGMA_FAILED = 0.03, 0.08  # position, as a share of the distance to the person
+# A network's own 3D is 5 to 15 degrees off; twisted solutions are off by 30 and more. Limits for coarse and failed.
+_REFEREE_DEG = np.array([15.0, 25.0])
+# Rotation, root of the sum over the axes: 5 degrees off would be three, and one and a
+# quarter, standard deviations. Position, as a share of the distance to the person.
+_SIGMA_DEG, _SIGMA = np.array([1.5, 4.0]), np.array([0.03, 0.08])
 # A focal length that is 3 % off costs 14 mm and 0.8 degrees.
-_FOCAL_COARSE, _FOCAL_FAILED = 0.03, 0.10
+_FOCAL = np.array([0.03, 0.10])
 # A focal length that is a tenth off costs 47 mm and 2.7 degrees; K of another resolution is 30 % off and more.
-_WRONG_FOCAL_SIGMAS, _WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED = 3.0, 0.1, 0.2
+_WRONG_FOCAL_SIGMAS, _WRONG_FOCAL = 3.0, np.array([0.1, 0.2])
 # What is known less well is not known: who stays in one place looks alike at all focal lengths.
 _KNOWN_FOCAL = 0.05
 # One wrong focal length changes those of cameras beside it by up to half as much.
@@ -41,7 +39,7 @@ _FOCAL_TO_WORST = 0.5
 _FOCAL_DEPTH_RATIO = 1.5  # two are needed to be sure
 _LEAST_ACROSS_M, _LEAST_ALONG_M = 0.15, 0.3  # standard deviations: a line is 0.5 m wide, a place 1 m
 _LEAST_IMAGE_SHARE = 0.25
-_LEAST_SEEN_S, _LEAST_DURATION_S = 3.0, 5.0
+_LEAST_SEEN_S = 3.0
 _LEAST_UPRIGHT = 0.5
 _MOST_TILT_DEG = 70.0  # a camera under the ceiling that looks 60 degrees down is tilted by so much
 _THROUGH = "walk through its whole view, near and far"
@@ -74,7 +72,7 @@ def findings(inputs: VerdictInputs) -> tuple[CalibrationFinding, ...]:
         *nobody_upright(inputs.upright, inputs.camera_tilt_deg),
         *inputs.of_scale,
     ]
-    return tuple(sorted(found, key=_gravity, reverse=True))
+    return tuple(sorted(found, key=lambda finding: finding.grade.gravity, reverse=True))
 
 
 def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " camera"]) -> list[CalibrationFinding]:
@@ -103,7 +101,7 @@ def twisted(names: Sequence[str], cross_check_deg: Float[np.ndarray, " camera"])
     """Views in which the network sees another pose than was reconstructed."""
     reason = "its direction contradicts the 3D of its own images by {0:.0f} degrees"
     remedy = "walk across its view and towards it, so that you are seen from several sides"
-    return _graded(names, cross_check_deg, (_REFEREE_COARSE_DEG, _REFEREE_FAILED_DEG), reason, remedy)
+    return _graded(names, cross_check_deg, _REFEREE_DEG, reason, remedy)
 
 
 def halves_disagree(
@@ -114,8 +112,9 @@ def halves_disagree(
     remedy = "record longer, and walk through its whole view in different directions"
     turned = "the two halves of the recording disagree about its direction by {0:.1f} degrees"
     moved = "the two halves of the recording disagree about its place by {0:.0%} of the distance to the person"
-    found = _graded(names, rotation_deg, (_HALVES_COARSE_DEG, _HALVES_FAILED_DEG), turned, remedy)
-    return _worst_of_each(found + _graded(names, position, (_HALVES_COARSE, _HALVES_FAILED), moved, remedy))
+    # The whole recording is off by half of what its halves disagree by, or more if both share an error.
+    found = _graded(names, rotation_deg, 2 * _SIGMA_DEG, turned, remedy)
+    return _worst_of_each(found + _graded(names, position, 2 * _SIGMA, moved, remedy))
 
 
 def uncertain(
@@ -125,15 +124,15 @@ def uncertain(
     remedy = "record longer, and walk through its whole view in different directions"
     turned = "its direction is known to {0:.1f} degrees only"
     moved = "its place is known to {0:.0%} of the distance to the person only"
-    found = _graded(names, direction_deg, (_SIGMA_COARSE_DEG, _SIGMA_FAILED_DEG), turned, remedy)
-    return _worst_of_each(found + _graded(names, position, (_SIGMA_COARSE, _SIGMA_FAILED), moved, remedy))
+    found = _graded(names, direction_deg, _SIGMA_DEG, turned, remedy)
+    return _worst_of_each(found + _graded(names, position, _SIGMA, moved, remedy))
 
 
 def certain(
     direction_deg: Float[np.ndarray, " camera"], position: Float[np.ndarray, " camera"]
 ) -> Bool[np.ndarray, " camera"]:
     """Whether the stated sigmas of a camera are less than half of what counts as coarse."""
-    return np.asarray((direction_deg < _SIGMA_COARSE_DEG / 2) & (position < _SIGMA_COARSE / 2))
+    return np.asarray((direction_deg < _SIGMA_DEG[0] / 2) & (position < _SIGMA[0] / 2))
 
 
 def focal_undetermined(
@@ -147,7 +146,7 @@ def focal_undetermined(
     remedy = "walk towards it and away from it, or give its focal length"
     reason = "its focal length is not determined (known to {0:.0%})"
     own = [c for lens in estimated for c in lens]
-    found = _graded([names[c] for c in own], sigma[own], (_FOCAL_COARSE, _FOCAL_FAILED), reason, remedy)
+    found = _graded([names[c] for c in own], sigma[own], _FOCAL, reason, remedy)
     flagged = {finding.camera for finding in found}
     for lens in estimated:
         ratio = np.max(np.nan_to_num(depth_ratio[list(lens)], nan=1.0))
@@ -166,7 +165,7 @@ def focal_wrong(names: Sequence[str], check: FocalCheck | None) -> list[Calibrat
     change = np.where(change > _FOCAL_TO_WORST * change.max(), change, 0.0)
     reason = "its focal length seems to be {0:.0%} off what was given"
     remedy = "check that K belongs to this camera and this resolution, or let the focal length be estimated"
-    return _graded(names, change, (_WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED), reason, remedy)
+    return _graded(names, change, _WRONG_FOCAL, reason, remedy)
 
 
 def of_another_size(names: Sequence[str], off_centre: Bool[np.ndarray, " camera"] | None) -> list[CalibrationFinding]:
@@ -262,7 +261,7 @@ def nobody_checks(n_cameras: int) -> list[CalibrationFinding]:
 
 
 def recording_too_short(duration_s: float) -> list[CalibrationFinding]:
-    if duration_s >= _LEAST_DURATION_S:
+    if duration_s >= SHORT_S:
         return []
     reason = f"two cameras saw the person for {duration_s:.1f} s only"
     return [CalibrationFinding("", Grade.COARSE, reason, "record somebody who walks around for half a minute")]
@@ -280,7 +279,11 @@ def nobody_upright(upright: float, camera_tilt_deg: float) -> list[CalibrationFi
 
 
 def _graded(
-    names: Sequence[str], values: Float[np.ndarray, " camera"], limits: tuple[float, float], reason: str, remedy: str
+    names: Sequence[str],
+    values: Float[np.ndarray, " camera"],
+    limits: Float[np.ndarray, "grade=2"],
+    reason: str,
+    remedy: str,
 ) -> list[CalibrationFinding]:
     """Of values above the limits for coarse and failed; NaN is none."""
     found = []
@@ -294,10 +297,6 @@ def _graded(
 def _worst_of_each(found: list[CalibrationFinding]) -> list[CalibrationFinding]:
     """One finding a camera, its gravest."""
     worst: dict[str, CalibrationFinding] = {}
-    for finding in sorted(found, key=_gravity):
+    for finding in sorted(found, key=lambda finding: finding.grade.gravity):
         worst[finding.camera] = finding
     return list(worst.values())
-
-
-def _gravity(finding: CalibrationFinding) -> int:
-    return list(Grade).index(finding.grade)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.skeleton import Skeleton
+from fgpose_factors.robust_statistics import known_median
 
 # Thigh and shank together are 0.491 of the stature (Drillis and Contini 1966, in Winter, Biomechanics and Motor Control
 # of Human Movement, fig. 4.1), the trunk from hips to shoulders is 0.288 more.
@@ -129,18 +130,13 @@ class Anatomy:
         the frames. NaN where one of them was never seen."""
         sides = [[self._pair(joint)[side] for joint in ("hip", "knee", "ankle")] for side in (0, 1)]
         bones = [(a, b) for chain in sides for a, b in pairwise(chain)]
-        length_m = [_median(np.linalg.norm(joints_m[:, a] - joints_m[:, b], axis=-1)) for a, b in bones]
+        length_m = [known_median(np.linalg.norm(joints_m[:, a] - joints_m[:, b], axis=-1)) for a, b in bones]
         total_m = sum(length_m) / 2
         if self._legs_alone:
             return total_m
         shoulders_m = self.mean_m(joints_m, ("left_shoulder", "right_shoulder"))
-        return total_m + _median(np.linalg.norm(shoulders_m - self.hips_m(joints_m), axis=-1))
+        return total_m + known_median(np.linalg.norm(shoulders_m - self.hips_m(joints_m), axis=-1))
 
     def stature_m(self, joints_m: Float[np.ndarray, "frame joint 3"]) -> float:
         """As the segments tell it, in the unit of the joints."""
         return self.segments_m(joints_m) / self.segments[0]
-
-
-def _median(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")

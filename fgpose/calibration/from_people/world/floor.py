@@ -8,12 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.world.anatomy import Anatomy
-from fgpose.calibration.from_people.world.steps import Steps
+from fgpose.calibration.from_people.world.steps import STEPS_AS_ONE, Steps
 
 # Of the height of the foot, as a share of the stature: 14 mm of bias of its detections (20 to 40 mm in the image, less
 # where several views agree), which no number of steps averages out on a way to and fro.
 _BIAS_SIGMA = 0.008
-_STEPS_AS_ONE = 4.0  # see vertical.py
 _LOW = 0.02  # centile of the lowest points of the feet where there are no steps (HumanCalib)
 # That centile lies below the feet by noise and above it by a foot that never stood, 30 mm each.
 _NO_STEPS_SIGMA = 0.018
@@ -41,7 +40,7 @@ def find_floor(
     if len(steps):
         # Of a foot on the floor, heel or toes are lowest; when the heel has risen, it is not the foot's height.
         heights = (steps.lowest_m @ up).min(axis=1)
-        height, sigma = _lower_half(heights), _spread(heights) / np.sqrt(max(len(steps) / _STEPS_AS_ONE, 1.0))
+        height, sigma = _lower_half(heights), _spread(heights) / np.sqrt(max(len(steps) / STEPS_AS_ONE, 1.0))
     else:
         height, sigma = _lowest(anatomy.feet_m(joints_m) @ up), _NO_STEPS_SIGMA * stature
     of_feet = np.hypot(share_sigma, _BIAS_SIGMA) * stature

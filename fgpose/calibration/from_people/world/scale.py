@@ -15,6 +15,7 @@ from jaxtyping import Float
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.geometry.camera import CameraRig
+from fgpose_factors.robust_statistics import weighted_median
 
 # Of adults the mean over both sexes, and their standard deviation (coefficient of variation 4.5 %, and 4 % between the
 # sexes): where nothing else is known.
@@ -170,7 +171,7 @@ def network_cue(
             lengths = np.array(long)
             ratio = lengths[:, 0] / lengths[:, 1]
             # Short bones (of the face, of the hips) are those that a network gets wrong.
-            ratios.append(_weighted_median(ratio, lengths[:, 1]))
+            ratios.append(weighted_median(ratio, lengths[:, 1]))
     if not ratios:
         return None
     remedy = "give the stature of the walker or a measured distance: a network cannot know it"
@@ -241,9 +242,3 @@ def _named(cues: Sequence[ScaleCue], information: Float[np.ndarray, " cue"]) -> 
     order = np.argsort(-information, kind="stable")
     names = [cues[c].name for c in order if information[c] >= 0.1 * information.sum()]
     return ", ".join(dict.fromkeys(names))
-
-
-def _weighted_median(values: Float[np.ndarray, " value"], weights: Float[np.ndarray, " value"]) -> float:
-    order = np.argsort(values)
-    cumulated = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(cumulated, cumulated[-1] / 2)])

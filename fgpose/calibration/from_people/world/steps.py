@@ -11,6 +11,8 @@ from jaxtyping import Float, Int
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.sampling import stretches
 
+STEPS_AS_ONE = 4.0
+"""A walker is seen from the same directions at many steps, so the errors of these are the same: so many are as one."""
 # Statures per second: 0.35 m/s. A foot swings at 2 to 4 m/s; noise of 15 mm looks like 0.1 m/s over the window.
 _STANDS = 0.2
 _HALF_WINDOW_S = 0.1

@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.world.anatomy import Anatomy
-from fgpose.calibration.from_people.world.steps import Steps
+from fgpose.calibration.from_people.world.steps import STEPS_AS_ONE, Steps
 from fgpose.kinematics.vertical import geometric_median
+from fgpose_factors.robust_statistics import CAUCHY_SCALE, MEDIAN_LENGTH, robust_sigma
 
 # Of the axis from ankles to head over a walk, forwards and to the side, radians: 3 degrees, as single frames are off.
 _LEAN_SIGMA = np.deg2rad(3.0)
@@ -25,8 +26,6 @@ _AXIS_SIGMA, _AXIS_CORRELATION_S = np.deg2rad(2.0), 0.5
 # Least standard deviation of the height of a standing foot, as a share of the stature: 10 mm, half of the bias of a
 # detected joint that depends on the direction it is seen from (20 to 40 mm in the image, averaged over the views).
 _FOOT_SIGMA = 0.006
-# A walker is seen from the same directions at many steps, so the errors of these are the same: so many are as one.
-_STEPS_AS_ONE = 4.0
 _UPRIGHT = np.deg2rad(25.0)
 _ROUNDS = 10  # of re-weighting; the vertical moves by less than 0.01 degrees after five
 _LEAST_SIGMA_DEG = 0.15  # what is left if everything averages out: the level of floors
@@ -121,7 +120,7 @@ def _of_steps(steps: Steps, up: Float[np.ndarray, " 3"], stature: float) -> Floa
     around = (steps.foot_m - np.median(steps.foot_m, axis=0)) / stature
     rows = np.zeros((len(around), 1, 5))
     rows[:, 0, :2], rows[:, 0, 4] = around @ _plane(up).T, -1.0
-    return _normal(rows, -(around @ up)[:, None], _FOOT_SIGMA, 1 / _STEPS_AS_ONE)
+    return _normal(rows, -(around @ up)[:, None], _FOOT_SIGMA, 1 / STEPS_AS_ONE)
 
 
 def _normal(
@@ -134,7 +133,7 @@ def _normal(
         fit = np.linalg.lstsq(normal[:, :-1], normal[:, -1], rcond=1e-9)[0]
         residual = np.linalg.norm(values - rows @ fit, axis=1)
         sigma = max(least_sigma, _robust_sigma(residual, values.shape[1]))
-        weights = 1 / (1 + (residual / (2.4 * sigma)) ** 2)  # 95 % efficient for Gaussian errors
+        weights = 1 / (1 + (residual / (CAUCHY_SCALE * sigma)) ** 2)
         normal = _weighted(rows, values, weights)
     return normal * count / sigma**2
 
@@ -145,8 +144,8 @@ def _weighted(rows: np.ndarray, values: np.ndarray, weights: Float[np.ndarray, "
 
 
 def _robust_sigma(length: Float[np.ndarray, " row"], n_axes: int) -> float:
-    """Per axis, from the median of the lengths of Gaussian vectors: 0.674 sigma in one dimension, 1.177 in two."""
-    return float(np.median(length)) / (0.6745 if n_axes == 1 else 1.1774)
+    """Per axis, from the lengths of Gaussian vectors."""
+    return robust_sigma(length) if n_axes == 1 else float(np.median(length)) / MEDIAN_LENGTH
 
 
 def is_upright(

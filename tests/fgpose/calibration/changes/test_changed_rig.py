@@ -9,7 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.association.common_clock import on_common_clock
-from fgpose.calibration.changes.changed_rig import with_changes
+from fgpose.calibration.changes.change import with_changes
 from fgpose.calibration.changes.find_changes import find_changes
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.geometry.changing_rig import after, in_pieces, is_changing, later_s, put_together, with_later_clock

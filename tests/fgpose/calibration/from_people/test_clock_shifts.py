@@ -9,9 +9,10 @@ from filmed_walk import true_offset_s, walk_scene, walk_tracks
 from fgpose.calibration.from_people.starts.clocks import ClockShift, solve_clocks
 from fgpose.calibration.from_people.starts.correlation import correlate, peaks
 from fgpose.calibration.from_people.starts.epipolar_shift import fit_epipolar_shift
-from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ, MotionSignals, motion_signals
+from fgpose.calibration.from_people.starts.motion_signals import MotionSignals, motion_signals
 from fgpose.calibration.from_people.starts.views import View
 from fgpose.calibration.from_people.walk import Track
+from fgpose.estimation.noise import TELLING_HZ
 from fgpose_benchmarks.synthetic import NO_CROWD_ERRORS, NO_NOISE
 from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, WalkScene, film
 
@@ -27,7 +28,7 @@ def test_the_correlation_is_highest_at_the_shift_of_the_clocks() -> None:
     correlation = correlate(first, second)
     best = correlation.score.argmax()
     assert correlation.shifts[best] == 243
-    assert correlation.overlap_s[best] == pytest.approx(250 / RATE_HZ)
+    assert correlation.overlap_s[best] == pytest.approx(250 / TELLING_HZ)
     assert correlation.at(np.array([243, 10_000]))[1] == 0
     assert correlation.mirrored.at(np.array([-243]))[0] == correlation.score[best]
     second_best = correlation.score[peaks(correlation.score, 2)[1]]
@@ -41,7 +42,7 @@ def test_unknown_samples_do_not_count() -> None:
     first = MotionSignals(0, np.where(known, values, 0.0), known, 1.0)
     correlation = correlate(first, noise_signals(0, values))
     assert correlation.shifts[correlation.score.argmax()] == 0
-    assert correlation.overlap_s.max() == pytest.approx(200 / RATE_HZ, rel=0.05)
+    assert correlation.overlap_s.max() == pytest.approx(200 / TELLING_HZ, rel=0.05)
 
 
 @pytest.mark.parametrize("in_3d", [True, False])
@@ -52,7 +53,7 @@ def test_the_motion_of_a_walker_is_recognised_in_another_view(in_3d: bool) -> No
     signals = [motion_signals(track, scene.observations.skeleton) for track in tracks]
     for camera in (1, 2):
         correlation = correlate(signals[0], signals[camera])
-        shift_s = correlation.shifts[correlation.score.argmax()] / RATE_HZ
+        shift_s = correlation.shifts[correlation.score.argmax()] / TELLING_HZ
         # Samples are 0.04 s apart; views from different sides see limbs that are not vertical at other moments.
         assert shift_s == pytest.approx(true_offset_s(scene, camera, 10.0), abs=0.1)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from fgpose.calibration.from_people.rig.procrustes import angle_deg, procrustes_pose
+from fgpose.assessment.rigs import angle_deg
+from fgpose.calibration.from_people.rig.procrustes import procrustes_pose
 
 FIRST_T_SECOND = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.3, 1.2, -0.4), np.array([2.0, -0.3, 1.5])).matrix()
 RNG = np.random.default_rng(0)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.calibration.from_people.rig.procrustes import angle_deg
-from fgpose.calibration.from_people.rig.relative_pose import relative_poses, sampson_errors
+from fgpose.assessment.rigs import angle_deg
+from fgpose.calibration.from_people.rig.relative_pose import relative_poses
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.epipolar_distance import essential_matrix, sampson_errors
 from fgpose_benchmarks.synthetic import ring_rig, walking
 
 RIG = ring_rig(4)
@@ -28,10 +29,10 @@ def true_pose(a: int, b: int) -> np.ndarray:
 
 def test_the_epipolar_errors_of_the_true_pose_are_zero_and_grow_with_an_offset() -> None:
     first, second = (points.reshape(-1, 2) for points in at_unit(RIG)[:2])
-    R, t = true_pose(0, 1)[:3, :3], true_pose(0, 1)[:3, 3]
+    E = essential_matrix(true_pose(0, 1))
 
-    np.testing.assert_allclose(sampson_errors(R, t, first, second), 0.0, atol=1e-12)
-    offset = np.abs(sampson_errors(R, t, first, second + 0.01))
+    np.testing.assert_allclose(sampson_errors(E, second, first), 0.0, atol=1e-12)
+    offset = np.abs(sampson_errors(E, second + 0.01, first))
     # The nearest correspondence that fits is at most as far as the offset.
     assert 0.001 < offset.max() <= 0.01 * np.sqrt(2) * 1.01
 

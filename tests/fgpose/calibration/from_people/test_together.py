@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from filmed_walk import bodies_px, track_of
 
-from fgpose.calibration.from_people.starts.interpolation import between_images, smaller_around
 from fgpose.calibration.from_people.starts.starts import Starts
 from fgpose.calibration.from_people.starts.together import together
 from fgpose.calibration.from_people.walk import Track
+from fgpose.sampling import between_images, smaller_around
 from fgpose.skeleton import Skeleton
 
 

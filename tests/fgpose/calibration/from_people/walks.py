@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.rig.procrustes import angle_deg
+from fgpose.assessment.rigs import angle_deg
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
