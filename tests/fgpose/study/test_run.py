@@ -23,7 +23,7 @@ from distributed.comm.core import connect
 
 from fgpose.study import Plan, RecordingOutcome, StudyResult, cluster, load_study, process, run_study
 from fgpose.study.cluster import SchedulerLostError, Stream, workers
-from fgpose.study.study import Resources, Study
+from fgpose.study.study import Resources, StudyDescription
 
 ROOT = Path(__file__).parents[3]
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "factors")))}
@@ -51,7 +51,7 @@ def client() -> Iterator[distributed.Client]:
         yield client
 
 
-def run_with(client: distributed.Client, study: Study, **options: Any) -> StudyResult:
+def run_with(client: distributed.Client, study: StudyDescription, **options: Any) -> StudyResult:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fgpose.study.run.workers", lambda resources, scheduler: nullcontext(client))
         return run_study(study, **options)
