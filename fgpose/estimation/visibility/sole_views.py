@@ -169,8 +169,10 @@ class _Running:
         self._time_s = float(views.time_s[0])
 
     def distances(self, views: _Views, camera: int) -> tuple[Float[np.ndarray, " joint"], Float[np.ndarray, " joint"]]:
-        """Of a frame that is not complete yet, and variances."""
+        """Of a frame that is not complete yet, and variances; of one that was taken already, as it was then."""
         before = self._single.belief
+        if views.time_s[0] == self._time_s:
+            return self._single.distances(before)
         self._step(views, camera)
         told, self._single.belief = self._single.distances(self._single.belief), before
         return told

@@ -15,6 +15,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, embedded_motion, simulate, walking
 
+NOISE = DetectionNoise(outlier_share=0.0)
 IN_99 = 11.345  # of the chi-squared distribution with three degrees of freedom
 
 
@@ -68,7 +69,7 @@ def test_who_walks_keeps_the_distance_from_the_only_camera(
     3 m too near by the end."""
     fps, first = 30.0, 60
     truth_m = walking(135, fps, skeleton)
-    scene = simulate(truth_m, skeleton, rig, fps, DetectionNoise(outlier_share=0.0), NO_OCCLUSION, seed=0)
+    scene = simulate(truth_m, skeleton, rig, fps, NOISE, NO_OCCLUSION, seed=0)
     trajectory = estimated(seen_by_one(scene.observations, 0, first), rig, how)
     alone = of_frames(trajectory, slice(first, None))
     assert (alone.status == Status.PREDICTED).all()
@@ -129,6 +130,26 @@ def test_a_short_time_alone_is_smoothed_from_both_sides(rig: fgpose.CameraRig, s
     error_m, is_within = errors(of_frames(trajectory, slice(40, 70)), truth_m[40:70])
     assert np.median(error_m) < 0.1
     assert is_within.mean() > 0.95
+
+
+def test_an_image_that_joins_a_frame_that_was_learned_from(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    """Between two images of one time, of which one shows somebody: the filter of distances has no step to take."""
+    fps, first = 15.0, 10
+    scene = simulate(walking(30, fps, skeleton), skeleton, rig, fps, NOISE, NO_OCCLUSION, seed=0)
+    alone = seen_by_one(scene.observations, 0, first)
+    tidied, plain = (fgpose.Estimator(rig, skeleton) for _ in range(2))
+    for frame in alone.frames(slice(0, first)):
+        tidied.update(frame), plain.update(frame)
+    for frame in alone.frames(slice(first, None)):
+        time_s, points_px = float(frame.time_s[0]), frame.points2d_px[0]
+        for camera in (0, 1):
+            estimates = [each.update_camera(rig.names[camera], time_s, points_px[camera]) for each in (tidied, plain)]
+            tidied.tidy()
+        # What is learned of a frame one image sooner moves joints by less than their standard deviation.
+        differ_m = estimates[0].positions_m - estimates[1].positions_m
+        covariance_m2 = estimates[1].covariance_m2
+        assert covariance_m2 is not None
+        assert np.einsum("ji,jik,jk->j", differ_m, np.linalg.inv(covariance_m2), differ_m).max() < 1
 
 
 @pytest.mark.parametrize("how", BOTH)
