@@ -41,11 +41,15 @@ class FrameState:
     """Which of them a motion factor joins to the frame before; the others enter the graph here."""
     process_density: Float[np.ndarray, " joint"]
     """Power spectral density of the noise of the motion that leads to this frame; see Segment."""
-    status: np.ndarray
     filtered: Float[np.ndarray, "camera joint"]
     """Probability that each joint is visible to each camera, by this frame and those before it."""
     unseen_before_s: Float[np.ndarray, " joint"]
     """Time since any camera probably saw each joint, if none does in this frame."""
+
+    @property
+    def status(self) -> np.ndarray:
+        """Of each joint; see Trajectory."""
+        return joint_status(self.active, self.evidence.observed[0])
 
     @property
     def unseen_s(self) -> Float[np.ndarray, " joint"]:
@@ -73,8 +77,7 @@ class FrameState:
 
     def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
         """The frame with the probability that each of its detections is of its joint."""
-        evidence = replace(self.evidence, visibility=visibility[None])
-        return replace(self, evidence=evidence, status=joint_status(self.active, evidence.observed[0]))
+        return replace(self, evidence=replace(self.evidence, visibility=visibility[None]))
 
     @property
     def joints(self) -> list[int]:
@@ -113,7 +116,6 @@ class FrameState:
         entering: Bool[np.ndarray, " joint"],
     ) -> FrameState:
         """The frame with another image, by which these joints are triangulated for the first time."""
-        active = self.active | entering
         return replace(
             self,
             observations=observations,
@@ -122,6 +124,5 @@ class FrameState:
             evidence=evidence,
             positions_m=np.where(entering[:, None], evidence.guess_m[0], self.positions_m),
             velocities_mps=np.where(entering[:, None], 0.0, self.velocities_mps),
-            active=active,
-            status=joint_status(active, evidence.observed[0]),
+            active=self.active | entering,
         )

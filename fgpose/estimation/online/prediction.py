@@ -17,7 +17,6 @@ from fgpose.estimation.visibility.running_visibility import RunningVisibility
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.trajectory import joint_status
 
 _FASTEST_MPS = 1e4  # frames that are microseconds apart hardly tell velocities
 
@@ -102,7 +101,6 @@ class Prediction:
             active=active,
             linked=linked,
             process_density=density,
-            status=joint_status(active, evidence.observed[0]),
             filtered=evidence.visibility[0],
             unseen_before_s=time_s - self._seen_s,
         )
