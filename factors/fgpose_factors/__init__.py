@@ -11,7 +11,7 @@ from fgpose_factors.custom import custom_factor, freeze
 from fgpose_factors.depth import depth_factor, depth_information
 from fgpose_factors.kernels import Kernel, robust_loss, robust_weight
 from fgpose_factors.noise import noise_model, robust
-from fgpose_factors.projection import projection_factor, projection_residual
+from fgpose_factors.projection import project, projection_factor, projection_residual
 from fgpose_factors.smoothness import (
     Motion,
     State,
@@ -38,6 +38,7 @@ __all__ = [
     "interpolate_position",
     "interpolated_factor",
     "noise_model",
+    "project",
     "projection_factor",
     "projection_residual",
     "random_walk_factor",

@@ -27,15 +27,25 @@ def projection_residual(
     Returns:
         Residual in pixels and its Jacobian by the point. NaN behind the camera and within NEAREST_M of its plane.
     """
-    # All points of a coordinate lie side by side: with the coordinates inside, numpy takes seven times as long.
-    R, focal_px, centre_px, shape = camera_T_world[:3, :3], np.diag(K)[:2, None], K[:2, 2:], point_m.shape[:-1]
-    in_camera = R @ point_m.reshape(-1, 3).T + camera_T_world[:3, 3:]
-    depth_m = np.where(in_camera[2] > NEAREST_M, in_camera[2], np.nan)
-    normalized = in_camera[:2] / depth_m
-    projected_px = focal_px * normalized + centre_px
-    across = R[:2, :, None] - normalized[:, None] * R[2, :, None]
-    jacobian = (focal_px / depth_m)[:, None] * across
+    (projected_px,), (jacobian,) = project(point_m.reshape(-1, 3), camera_T_world[None], K[None])
+    shape = point_m.shape[:-1]
     return projected_px.T.reshape(*shape, 2) - measured_px, (jacobian.transpose(2, 0, 1).reshape(*shape, 2, 3),)
+
+
+def project(
+    points_m: Float[np.ndarray, "point 3"],
+    camera_T_world: Float[np.ndarray, "camera 4 4"],
+    K: Float[np.ndarray, "camera 3 3"],
+) -> tuple[Float[np.ndarray, "camera 2 point"], Float[np.ndarray, "camera 2 3 point"]]:
+    """Undistorted pixels of points in several cameras, and their Jacobians by the points; otherwise as
+    projection_residual. All points of a coordinate lie side by side: with the coordinates inside, numpy takes seven
+    times as long."""
+    R, focal_px = camera_T_world[:, :3, :3], np.diagonal(K, axis1=1, axis2=2)[:, :2, None]
+    in_camera = R @ points_m.T + camera_T_world[:, :3, 3:]
+    depth_m = np.where(in_camera[:, 2:] > NEAREST_M, in_camera[:, 2:], np.nan)
+    normalized = in_camera[:, :2] / depth_m
+    across = R[:, :2, :, None] - normalized[:, :, None] * R[:, 2:, :, None]
+    return focal_px * normalized + K[:, :2, 2:], (focal_px / depth_m)[:, :, None] * across
 
 
 def projection_factor(

@@ -298,8 +298,8 @@ class CameraRig:
         """Undistorted pixels in every camera of its own world points, their Jacobian by the point (px/m), and the depth
         of the points in metres. NaN at or behind the camera."""
         extra = (1,) * (points_m.ndim - 2)
-        R = self._camera_T_world[:, :3, :3].reshape(-1, *extra, 3, 3)
-        offset_m = self._camera_T_world[:, :3, 3].reshape(-1, *extra, 3)
+        R = self.camera_T_world[:, :3, :3].reshape(-1, *extra, 3, 3)
+        offset_m = self.camera_T_world[:, :3, 3].reshape(-1, *extra, 3)
         normalized, depth_m = _normalized((R @ points_m[..., None])[..., 0] + offset_m)
         focal_px, centre_px = (array.reshape(-1, *extra, 2) for array in (self._focal_px, self._centre_px))
         jacobian = (focal_px / depth_m)[..., None] * (R[..., :2, :] - normalized[..., None] * R[..., 2:, :])
@@ -309,16 +309,20 @@ class CameraRig:
         self, points_m: Float[np.ndarray, "*points joint 3"]
     ) -> Float[np.ndarray, "*points camera joint 3"]:
         """World points in the frame of every camera."""
-        R, t_m = self._camera_T_world[:, :3, :3], self._camera_T_world[:, None, :3, 3]
+        R, t_m = self.camera_T_world[:, :3, :3], self.camera_T_world[:, None, :3, 3]
         return points_m[..., None, :, :] @ R.swapaxes(1, 2) + t_m
 
     @cached_property
-    def _camera_T_world(self) -> Float[np.ndarray, "camera 4 4"]:
+    def camera_T_world(self) -> Float[np.ndarray, "camera 4 4"]:
         return np.stack([camera.camera_T_world for camera in self.cameras])
 
     @cached_property
+    def K(self) -> Float[np.ndarray, "camera 3 3"]:
+        return np.stack([camera.K for camera in self.cameras])
+
+    @cached_property
     def _focal_px(self) -> Float[np.ndarray, "camera 1 2"]:
-        return np.stack([np.diag(camera.K)[None, :2] for camera in self.cameras])
+        return np.diagonal(self.K, axis1=1, axis2=2)[:, None, :2]
 
     @cached_property
     def focal_px(self) -> Float[np.ndarray, " camera"]:
@@ -332,7 +336,7 @@ class CameraRig:
 
     @cached_property
     def _centre_px(self) -> Float[np.ndarray, "camera 1 2"]:
-        return np.stack([camera.K[None, :2, 2] for camera in self.cameras])
+        return self.K[:, None, :2, 2]
 
     def undistort(
         self, points_px: Float[np.ndarray, "*frames camera joint 2"]

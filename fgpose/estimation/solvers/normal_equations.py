@@ -150,9 +150,8 @@ class NormalEquations:
         state = self.initial()
         state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
         matrix = self._held(state)
-        projections = [factors for factors in self._factors if isinstance(factors, Projections)]
-        residuals, jacobians, weights = zip(*(each.whitened(state.joints[:, 0]) for each in projections), strict=True)
-        detections = (np.stack(arrays, axis=1) for arrays in (residuals, jacobians, weights))
+        projections = next(factors for factors in self._factors if isinstance(factors, Projections))
+        detections = projections.whitened(state.joints[:, 0])
         return Linearized(_Factorized(matrix, self._shape), self._segment, *detections)
 
     def _held(self, state: BatchState) -> BlockTridiagonal:
