@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.estimation.factors.state import BatchState, Information
+from fgpose.estimation.factors.state import BatchState, Information, summed
 from fgpose.estimation.keys import Keys, length_key
 
 
@@ -82,9 +82,7 @@ class JointRows(ABC):
     def _add_pull(self, gradient: BatchState, residual: np.ndarray, jacobians: tuple[np.ndarray, ...]) -> None:
         """J^T r."""
         for slots, jacobian in zip(self.slots, jacobians, strict=False):
-            pull = residual[..., None] * jacobian
-            for row, slot in enumerate(slots.tolist()):  # a joint may occur in several rows
-                gradient.joints[:, 0, slot] += pull[:, row]
+            gradient.joints[:, 0] += summed(residual[..., None] * jacobian, slots, gradient.joints.shape[2])
         if self.lengths is not None:
             np.add.at(gradient.lengths_m, self.lengths, np.sum(residual * jacobians[-1][..., 0], axis=0))
 

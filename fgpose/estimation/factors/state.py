@@ -57,7 +57,15 @@ class Information:
             for second, by_second in zip(joints, jacobians, strict=True):
                 product = by_first[..., :, None] * by_second[..., None, :]
                 if first is second:
-                    for row, joint in enumerate(first.tolist()):
-                        self.positions[:, joint, :, joint] += product[:, row]
+                    self.single_positions[:] += summed(product, first, self.frames.shape[1])
                 else:
                     self.positions[:, first, :, second] += product.swapaxes(0, 1)
+
+
+def summed(
+    of_rows: Float[np.ndarray, "frame row *values"], joints: Int[np.ndarray, " row"], n_joints: int
+) -> Float[np.ndarray, "frame joint *values"]:
+    """Over the rows of each joint; it may occur in several or in none."""
+    n_frames, n_rows, *values = of_rows.shape
+    occurs = (joints == np.arange(n_joints)[:, None]).astype(float)
+    return (occurs @ of_rows.reshape(n_frames, n_rows, -1)).reshape(n_frames, n_joints, *values)
