@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import fgpose
+from fgpose.estimation.online.window_graph import WindowGraph
 from fgpose.trajectory import Estimate, Status
 from soak_scenes import SoakConditions, draw, parts
 from timing import resident_memory_mb
@@ -74,9 +75,13 @@ def _online(soak: SoakConditions, n_frames: int, result: SoakResult) -> None:
             _refused(estimator, [frame, before])
         quarter = 4 * number // n_frames
         longest = max(longest, len(estimator._window))
-        result.slots = max(result.slots, _n_factors(estimator) / _most_factors(soak, longest))
+        solver, is_by_qr = estimator._window._solver, False
+        if isinstance(solver, WindowGraph):
+            n_factors = solver._smoother._isam.getFactorsUnsafe().size()
+            result.slots = max(result.slots, n_factors / _most_factors(soak, longest))
+            is_by_qr = solver._smoother._qr_frames > 0
         # QR takes several times the memory, but for a while only.
-        if number % _FRAMES_PER_LOOK == 0 and not estimator._window._solver._smoother._qr_frames:
+        if number % _FRAMES_PER_LOOK == 0 and not is_by_qr:
             held_mb[quarter].append(_held_mb())
     result.repairs, result.window_mb = estimator.repairs, _most_mb(soak, longest)
     usual_mb = [float(np.median(quarter)) for quarter in held_mb if quarter]
@@ -92,10 +97,6 @@ def _held_mb() -> float:
 
 def _frames(soak: SoakConditions, n_frames: int) -> Iterator[fgpose.Observations]:
     return itertools.chain.from_iterable(parts(soak, n_frames + 1))
-
-
-def _n_factors(estimator: fgpose.Estimator) -> int:
-    return estimator._window._solver._smoother._isam.getFactorsUnsafe().size()
 
 
 def _most_factors(soak: SoakConditions, longest: int) -> int:

@@ -61,6 +61,7 @@ class SoakConditions:
             "with per-view 3D" if self.with_3d else "2D only",
             f"motion {self.config.motion.model}",
             f"symmetry {self.config.symmetry.form}",
+            f"solver {self.config.online.solver}",
             "up to 10 joints" if self.skeleton.n_joints <= 10 else "more than 10 joints",
             "up to 50 Hz" if self.fps <= 50 else "more than 50 Hz",
             "lag up to 0.5 s" if self.config.online.lag_s <= 0.5 else "lag above 0.5 s",
@@ -114,6 +115,7 @@ def _config(rng: np.random.Generator, lag_s: float) -> fgpose.Config:
                 "relinearize_m": one_of(0.03, 0.03, 0.01),
                 "covariance": one_of(True, True, False),
                 "estimate_time_offsets": one_of(False, False, True),
+                "solver": one_of("isam2", "window"),
             },
         }
     )

@@ -223,8 +223,12 @@ class SolverConfig:
 
 @dataclass(frozen=True)
 class OnlineConfig:
-    """Online estimation (iSAM2, fixed lag)."""
+    """Online estimation: fixed lag, frame by frame."""
 
+    solver: Literal["isam2", "window"] = "isam2"
+    """What solves the window of the last lag_s. isam2: GTSAM's iSAM2, which eliminates anew what has changed. window:
+    the normal equations of the newest frames, as in batch; all updates take the same time, hallucinated detections are
+    judged again at each of them, and the estimator can be saved and continued."""
     lag_s: float = 0.5
     """How far back a new image still changes the past, seconds. Raising it makes the smoothed result better and each
     update slower; inf keeps the whole history (short recordings only: time and memory grow without end)."""

@@ -1,9 +1,8 @@
-"""Online estimation, frame by frame: iSAM2 in a fixed-lag smoother."""
+"""Online estimation, frame by frame, in a window of fixed lag."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NoReturn
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -32,10 +31,10 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 
 _APPLY_OFFSETS_S = 0.5  # a new rig costs a millisecond, and offsets change slowly
-# So many of the last seconds are revised, after so much time or half the lag. Joints stay hidden for about as long
-# (visibility.hidden_s), so later images hardly tell more. Half of the time between changes the errors on the tuning
-# clips of the benchmark by less than 1 %; half of what is revised makes them 3 % larger with two occluded cameras.
-_REVISED_S, _REVISE_EVERY_S = 0.25, 0.2
+# So many of the last seconds are revised. Joints stay hidden for about as long (visibility.hidden_s), so later images
+# hardly tell more: with half of it the errors on the tuning clips of the benchmark are 3 % larger with two occluded
+# cameras.
+_REVISED_S = 0.25
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at
 # twice as much, the mean errors on the tuning clips are 1 to 2 % larger.
 _CHANGED_SHARE = 0.15
@@ -46,12 +45,13 @@ class Estimator:
     """The pose of one person, live: each update takes the newest frame and returns the pose at its time, which is the
     mean time at which the cameras took it: time stamps, and the mean time offset of the rig.
 
-    The window holds online.lag_s. Bone lengths are learned as it runs (RunningLengths) and enter as GTSAM's native
-    range factors, so that no Python callback is left in iSAM2. With online.estimate_time_offsets it also learns how
-    late each camera is (rig_with_offsets); with estimators of other people in the room, where they share the offsets.
+    The window holds online.lag_s, and is solved by online.solver. Bone lengths are learned as it runs (RunningLengths)
+    and are held in the graph, so that no Python callback is left in iSAM2. With online.estimate_time_offsets it also
+    learns how late each camera is (rig_with_offsets); with estimators of other people in the room, where they share the
+    offsets.
 
-    It cannot be pickled or copied: GTSAM's smoother has no serialisation. To continue elsewhere, start a new one and
-    feed it the last few seconds again; it settles within a second.
+    With online.solver "window" it can be pickled and copied, to be continued elsewhere. With "isam2" it cannot: GTSAM's
+    smoother has no serialisation. Start a new one and feed it the last few seconds again; it settles within a second.
     """
 
     def __init__(
@@ -80,11 +80,13 @@ class Estimator:
         self._plausibility = RunningPlausibility()
         self._credibility = RunningCredibility(rig.n_cameras, skeleton.n_joints)
 
-    def __reduce__(self) -> NoReturn:
-        raise TypeError(
-            "an Estimator cannot be saved: GTSAM's fixed-lag smoother has no serialisation. "
-            "Start a new one and feed it the last few seconds again."
-        )
+    def __getstate__(self) -> dict[str, object]:
+        if self.config.online.solver == "isam2":
+            raise TypeError(
+                "this Estimator cannot be saved: GTSAM's iSAM2 has no serialisation. Choose online.solver = "
+                '"window", or start a new one and feed it the last few seconds again.'
+            )
+        return self.__dict__
 
     @property
     def rig_with_offsets(self) -> CameraRig:
@@ -287,7 +289,7 @@ class Estimator:
         Returns:
             The frames that change; see WindowGraph.
         """
-        now_s, every_s = self._window[-1].at.time_s, min(_REVISE_EVERY_S, self.config.online.lag_s / 2)
+        now_s, every_s = self._window[-1].at.time_s, min(self._window.revised_every_s, self.config.online.lag_s / 2)
         is_due = now_s >= self._revised_s + every_s - TIME_ROUNDING_S
         if not is_due and not self._lengths.have_changed(self._window[-1].lengths_m):
             return {}

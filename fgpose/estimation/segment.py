@@ -34,6 +34,17 @@ class Predecessor:
 
 
 @dataclass(frozen=True, eq=False)
+class Marginal:
+    """What the frames before a segment tell about the joints that motion links to its first frame: a quadratic cost of
+    the unknowns of all joints of the skeleton; zero for those that are not linked."""
+
+    information: Float[np.ndarray, "joint 3 kind joint 3 kind"]
+    gradient: Float[np.ndarray, "kind joint 3"]
+    """At `around`."""
+    around: Float[np.ndarray, "kind joint 3"]
+
+
+@dataclass(frozen=True, eq=False)
 class Segment:
     """Frames with everything that is known before they are solved: many frames (batch), or the newest one (online)."""
 
@@ -56,7 +67,11 @@ class Segment:
     initial_m: Float[np.ndarray, "frame joint 3"] | None = None
     """First guess of the joints and mean of the weak priors, if not the guess of the evidence."""
     before: Predecessor | None = None
-    """The vectorised solver knows segments without predecessor only."""
+    """The vectorised solver knows it by its marginal only."""
+    marginal: Marginal | None = None
+    """Of the predecessor and all frames before it."""
+    linked: Bool[np.ndarray, "frame joint"] | None = None
+    """Which joints motion may link to the frame before; None: all that are estimated in both."""
     first_frame: int = 0
     """Number of the first frame in the graph; that of the predecessor is one less."""
 
@@ -129,7 +144,7 @@ class Segment:
             kept[1:] = self.active[1:] & self.active[:-1]
             if self.before is not None:
                 kept[0] = self.active[0] & self.before.active
-        return kept
+        return kept if self.linked is None else kept & self.linked
 
     @cached_property
     def bones(self) -> Int[np.ndarray, "3 bone"]:

@@ -177,14 +177,14 @@ def _lagged(lag_s: float, recording: BenchmarkRecording) -> MethodResult:
     config = Config(online=OnlineConfig(lag_s=lag_s, covariance=False))
     estimator = Estimator(recording.rig, recording.observations.skeleton, config)
     positions_m = np.full_like(recording.truth_m, np.nan)
-    for frame in [*recording.observations, *_empty_frames(recording, lag_s)]:
+    for frame in [*recording.observations, *empty_frames(recording, lag_s)]:
         estimate = estimator.update(frame)
         if estimate.smoothed is not None and estimate.smoothed.frame < len(positions_m):
             positions_m[estimate.smoothed.frame] = estimate.smoothed.positions_m
     return MethodResult(positions_m, None, np.nan)
 
 
-def _empty_frames(recording: BenchmarkRecording, duration_s: float) -> Observations:
+def empty_frames(recording: BenchmarkRecording, duration_s: float) -> Observations:
     """Frames after the recording in which the cameras see nothing."""
     observations = recording.observations
     n_frames = int(np.ceil(duration_s * recording.fps)) + 1

@@ -21,18 +21,20 @@ from fgpose.estimation.segment import Segment
 
 
 @runtime_checkable
-class Factors(Protocol):
-    """All factors of a kind in a segment, as one table.
-
-    Seen as a part of the cost, in numpy: half the sum of squared whitened residuals, or of their robust losses. Seen
-    as a part of a graph: GTSAM's factors, one a row.
-    """
+class Cost(Protocol):
+    """A part of the cost of a segment: half the sum of squared whitened residuals, or of their robust losses."""
 
     def error(self, state: BatchState) -> float: ...
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None: ...
 
     def add_information(self, information: Information, state: BatchState) -> None: ...
+
+
+@runtime_checkable
+class Factors(Cost, Protocol):
+    """All factors of a kind in a segment, as one table: a part of the cost, in numpy, and a part of a graph, GTSAM's
+    factors, one a row."""
 
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]: ...
 

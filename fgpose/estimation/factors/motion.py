@@ -85,9 +85,14 @@ class Motions:
         return 0.5 * float(np.sum(unpredicted * self._weighted(self.precision, unpredicted)))
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
-        unpredicted = self._unpredicted(state)
-        gradient.joints[1:] += self._weighted(self.precision, unpredicted)
-        gradient.joints[:-1] += self._weighted(self.coupling, unpredicted)
+        gradient.joints[:] += self.pull(state)
+
+    def pull(self, state: BatchState) -> Float[np.ndarray, "frame kind slot 3"]:
+        """The gradient of these factors alone."""
+        unpredicted, pull = self._unpredicted(state), np.zeros_like(state.joints)
+        pull[1:] += self._weighted(self.precision, unpredicted)
+        pull[:-1] += self._weighted(self.coupling, unpredicted)
+        return pull
 
     def add_information(self, information: Information, state: BatchState) -> None:
         """The blocks within frames; those between frames are the coupling."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,9 +11,16 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
+from fgpose.estimation.online.window_equations import WindowEquations
 from fgpose.estimation.online.window_graph import WindowGraph
+from fgpose.estimation.online.window_solver import WindowSolver
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import TIME_ROUNDING_S, usual_step_s
+
+_SOLVERS: dict[str, Callable[[RunningLengths, Config], WindowSolver]] = {
+    "isam2": WindowGraph,
+    "window": WindowEquations,
+}
 
 
 class Window:
@@ -30,7 +37,8 @@ class Window:
     def __init__(self, lengths: RunningLengths, config: Config) -> None:
         self._frames: deque[FrameState] = deque()
         self._left: FrameState | None = None
-        self._solver, self._lag_s = WindowGraph(lengths, config), config.online.lag_s
+        self._solver: WindowSolver = _SOLVERS[config.online.solver](lengths, config)
+        self._lag_s = config.online.lag_s
         self._read: set[int] = set()
         """Numbers of the frames that have been read since the solver took anything."""
 
@@ -63,6 +71,11 @@ class Window:
     def repairs(self) -> int:
         """See FixedLagSmoother."""
         return self._solver.repairs
+
+    @property
+    def revised_every_s(self) -> float:
+        """How often it is worth while to change frames."""
+        return self._solver.revised_every_s
 
     @property
     def lagged(self) -> FrameState | None:

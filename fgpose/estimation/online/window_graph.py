@@ -35,6 +35,10 @@ class WindowGraph:
         config: all parameters.
     """
 
+    # iSAM2 eliminates anew what has changed and all that follows. Half of this changes the errors on the tuning clips
+    # of the benchmark by less than 1 %.
+    revised_every_s = 0.2
+
     def __init__(self, lengths: RunningLengths, config: Config) -> None:
         self._lengths, self._config = lengths, config
         self._smoother = FixedLagSmoother(config.online.relinearize_m)

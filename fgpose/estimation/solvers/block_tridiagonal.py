@@ -8,12 +8,12 @@ L-block-banded inverse").
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from threadpoolctl import ThreadpoolController
 
 
@@ -31,6 +31,38 @@ def blas_libraries() -> ThreadpoolController:
     import scipy.linalg  # noqa: F401
 
     return ThreadpoolController()
+
+
+@cache
+def _lapack(name: str) -> Callable[..., tuple[np.ndarray, int]]:
+    """A routine for double precision. To import scipy takes half of the import time of fgpose."""
+    from scipy.linalg import get_lapack_funcs
+
+    (routine,) = get_lapack_funcs((name,), dtype=float)
+    return routine
+
+
+def inverse_of(matrix: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "size size"]:
+    """Of a symmetric positive definite matrix. Raises numpy.linalg.LinAlgError where it is not positive definite."""
+    if not matrix.size:  # LAPACK does not take none
+        return matrix
+    factor, failed = _lapack("potrf")(matrix, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("not positive definite")
+    return _inverse_from(factor)
+
+
+def _inverse_from(factor: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "size size"]:
+    """The inverse of L L^T, given L."""
+    lower, _ = _lapack("potri")(factor.copy(order="F"), lower=1, overwrite_c=1)
+    inverse = lower.T
+    np.copyto(inverse, lower, where=_below_diagonal(len(lower)))
+    return inverse
+
+
+@cache
+def _below_diagonal(size: int) -> Bool[np.ndarray, "size size"]:
+    return np.tri(size, k=-1, dtype=bool)
 
 
 class Band:
@@ -84,13 +116,10 @@ class BlockTridiagonal:
         border: Float[np.ndarray, "frame size shared"],
         corner: Float[np.ndarray, "shared shared"],
     ) -> None:
-        from scipy.linalg import get_lapack_funcs  # takes half of the import time of fgpose
-
-        pbtrf, self._tbtrs, self._potri = get_lapack_funcs(("pbtrf", "tbtrs", "potri"), dtype=float)
         band.couple(coupling)
         self._band, self._coupling = band, coupling
         self._factor = band.columns.reshape(-1, band.columns.shape[-1]).T
-        _, failed = pbtrf(self._factor, lower=1, overwrite_ab=1)
+        _, failed = _lapack("pbtrf")(self._factor, lower=1, overwrite_ab=1)
         if failed:
             raise np.linalg.LinAlgError(f"the unknowns of frame {(failed - 1) // band.size} are indeterminate")
         self._border = self._halfway(border.reshape(self._factor.shape[1], len(corner)))
@@ -114,13 +143,10 @@ class BlockTridiagonal:
         with G_t = W_t U_t; then what the shared unknowns add.
         """
         factors, size = self._band.diagonal, self._band.size
-        below = np.tri(size, k=-1, dtype=bool)
         responses = self._back(self._border).reshape(len(factors), size, -1)
         later = np.zeros((size, size))
         for t in reversed(range(len(factors))):
-            lower, _ = self._potri(factors[t].copy(order="F"), lower=1, overwrite_c=1)
-            block = lower.T
-            np.copyto(block, lower, where=below)
+            block = _inverse_from(factors[t])
             if t < len(self._coupling):
                 by_kind = block.reshape(*self._coupling.shape[1:3], size)
                 gain_transposed = (self._coupling[t].swapaxes(1, 2) @ by_kind).reshape(size, size)
@@ -137,7 +163,7 @@ class BlockTridiagonal:
         return self._triangular(columns, "T")
 
     def _triangular(self, columns: np.ndarray, trans: str) -> np.ndarray:
-        if not columns.size:  # LAPACK does not take none
+        if not columns.any():  # as where the shared unknowns are held; and LAPACK does not take none
             return columns
-        solved, _ = self._tbtrs(self._factor, columns, uplo="L", trans=trans)
+        solved, _ = _lapack("tbtrs")(self._factor, columns, uplo="L", trans=trans)
         return solved

@@ -127,6 +127,11 @@ class Search(Generic[State]):
         self._last_size = np.inf
         self._before = self.error
 
+    @property
+    def undamped(self) -> System | None:
+        """The latest factorisation, if it serves still and has no damping; that of a state near the present one."""
+        return None if self._damping else self._system
+
     def descend(self) -> float | None:
         """Take one step that lowers the error.
 

@@ -6,24 +6,30 @@ every factor separately, which takes several times as long for a graph as regula
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.estimation.factors.bone_length import SharedLengths
 from fgpose.estimation.factors.joint_rows import JointRows
-from fgpose.estimation.factors.kinds import Factors, factors_of
+from fgpose.estimation.factors.kinds import Cost, factors_of
+from fgpose.estimation.factors.marginal import Marginals
 from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.factors.projection import Projections
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
-from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
+from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal, inverse_of
 
 # Damping as strong as a prior of 1 m on a position is as strong as one of 10 m/s on a velocity.
 DAMPING_TIME_S = 0.1
 # Of positions, metres^-2, for problems that double precision cannot tell from undetermined ones; none as a rule.
 _PRIORS = (0.0, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
+
+
+Determined = TypeVar("Determined")
 
 
 class NormalEquations:
@@ -36,11 +42,11 @@ class NormalEquations:
     def __init__(self, segment: Segment) -> None:
         self._segment = segment
         self._active = segment.active[:, segment.joints]
-        self._factors: list[Factors] = factors_of(segment)
+        self._factors: list[Cost] = [*factors_of(segment), *Marginals.of(segment)]
         # Only motion couples frames.
-        motions = next(factors for factors in self._factors if isinstance(factors, Motions))
-        strength = np.repeat(motions.strength, 3, axis=1)
-        self._coupling = strength[..., None, None] * motions.coupling[:, None]
+        self.motions = next(factors for factors in self._factors if isinstance(factors, Motions))
+        strength = np.repeat(self.motions.strength, 3, axis=1)
+        self._coupling = strength[..., None, None] * self.motions.coupling[:, None]
         n_frames, n_kinds, n_slots = len(segment.active), 1 + segment.with_velocity, len(segment.joints)
         # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
         self._band = Band(n_frames, 3 * n_slots, n_kinds)
@@ -55,6 +61,12 @@ class NormalEquations:
         joints[:, 0][self._active] = segment.start_m[:, segment.joints][self._active]
         return BatchState(joints, np.nan_to_num(segment.lengths_m))
 
+    def at(self, poses: Float[np.ndarray, "frame kind joint 3"]) -> BatchState:
+        """The state with these positions and velocities, finite where a joint is active, and the first guess of the
+        lengths."""
+        active = self._active[:, None, :, None]
+        return BatchState(np.where(active, poses[:, :, self._segment.joints], 0.0), self.initial().lengths_m)
+
     def error(self, state: BatchState) -> float:
         return sum(factors.error(state) for factors in self._factors)
 
@@ -66,10 +78,18 @@ class NormalEquations:
         return np.append(joints, np.full(self._segment.skeleton.n_lengths, float(len(joints))))
 
     def gradient(self, state: BatchState) -> Float[np.ndarray, " unknown"]:
+        gradient = self._gradient(state)
+        return np.append(gradient.joints, gradient.lengths_m)
+
+    def joint_gradient(self, state: BatchState) -> Float[np.ndarray, "frame kind slot 3"]:
+        """The joints' part of it."""
+        return self._gradient(state).joints
+
+    def _gradient(self, state: BatchState) -> BatchState:
         gradient = BatchState(np.zeros_like(state.joints), np.zeros_like(state.lengths_m))
         for factors in self._factors:
             factors.add_gradient(gradient, state)
-        return np.append(gradient.joints, gradient.lengths_m)
+        return gradient
 
     def remainder(self, state: BatchState, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
         """Of the bones: all other residuals are close to linear over a step."""
@@ -80,7 +100,7 @@ class NormalEquations:
                 factors.add_remainder(gradient, state, by_state)
         return np.append(gradient.joints, gradient.lengths_m)
 
-    def factorized(self, state: BatchState, damping: float) -> _Factorized | None:
+    def factorized(self, state: BatchState, damping: float) -> Factorized | None:
         """The information matrix, with the curvature of bones under tension and damping; None if not positive definite.
 
         The factorisation of the state before is overwritten.
@@ -90,7 +110,7 @@ class NormalEquations:
             if isinstance(factors, SharedLengths):
                 factors.add_tension(information, state)
         try:
-            return _Factorized(self._factorize(information, damping), self._shape)
+            return Factorized(self._factorize(information, damping), self._shape)
         except np.linalg.LinAlgError:
             return None
 
@@ -123,6 +143,12 @@ class NormalEquations:
         """Positions of the active joints; NaN elsewhere."""
         return _of_all_joints(state.joints[:, 0], self._segment)
 
+    def poses(self, state: BatchState) -> Float[np.ndarray, "frame kind joint 3"]:
+        """Positions and velocities of the active joints; zero elsewhere."""
+        poses = np.zeros((*self._shape[:2], self._segment.skeleton.n_joints, 3))
+        poses[:, :, self._segment.joints] = np.where(self._active[:, None, :, None], state.joints, 0.0)
+        return poses
+
     def lengths_m(self, state: BatchState) -> Float[np.ndarray, " length"]:
         """Shared bone lengths; NaN where none is estimated."""
         lengths_m = np.full(state.lengths_m.shape, np.nan)
@@ -138,6 +164,43 @@ class NormalEquations:
             return np.full(state.lengths_m.shape, np.nan)
         return np.sqrt(variance_m2)
 
+    def covariances(
+        self, state: BatchState, near: Factorized | None = None
+    ) -> Iterator[Float[np.ndarray, "unknown unknown"]]:
+        """Marginal covariance of the unknowns of all joints in each frame, by joint, axis and kind, from the last frame
+        to the first; those of joints that are not estimated do not count. With a prior where there must be one (see
+        linearized), and raises as it does.
+
+        Args:
+            state: around which.
+            near: the latest factorisation of this problem, if it was around a state near this one.
+        """
+        matrix = self._held(state) if near is None else near.matrix
+        for block in matrix.inverse_blocks():
+            yield self.of_all_joints(block)
+
+    def of_all_joints(self, of_slots: Float[np.ndarray, "own own"]) -> Float[np.ndarray, "unknown unknown"]:
+        """A matrix of the unknowns of a frame with those of joints that are estimated in none."""
+        if len(self._segment.joints) == self._segment.skeleton.n_joints:
+            return of_slots
+        per_joint = 3 * self._shape[1]
+        own = (per_joint * self._segment.joints[:, None] + np.arange(per_joint)).ravel()
+        size = per_joint * self._segment.skeleton.n_joints
+        matrix = np.zeros((size, size))
+        matrix[np.ix_(own, own)] = of_slots
+        return matrix
+
+    def first_covariance(self, state: BatchState) -> Float[np.ndarray, "unknown unknown"]:
+        """Of the first frame, given the second; otherwise as covariances."""
+        n_kinds = self._shape[1]
+
+        def inverse(damping: float) -> Float[np.ndarray, "unknown unknown"]:
+            information = self._information(state).frames[0].reshape(self._band.size, self._band.size).copy()
+            scale = np.array([1.0, DAMPING_TIME_S**2])[:n_kinds]
+            return inverse_of(information + np.diag(np.tile(damping * scale, len(information) // n_kinds)))
+
+        return _with_least_prior(inverse)
+
     def linearized(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Linearized:
         """The problem around these positions of the active joints. Overwrites the factorisation of the state before.
 
@@ -152,19 +215,14 @@ class NormalEquations:
         matrix = self._held(state)
         projections = next(factors for factors in self._factors if isinstance(factors, Projections))
         detections = projections.whitened(state.joints[:, 0])
-        return Linearized(_Factorized(matrix, self._shape), self._segment, *detections)
+        return Linearized(Factorized(matrix, self._shape), self._segment, *detections)
 
     def _held(self, state: BatchState) -> BlockTridiagonal:
-        for damping in _PRIORS[:-1]:
-            try:
-                return self._factorize(self._information(state), damping)
-            except np.linalg.LinAlgError:
-                continue
-        return self._factorize(self._information(state), _PRIORS[-1])
+        return _with_least_prior(lambda damping: self._factorize(self._information(state), damping))
 
 
 @dataclass(frozen=True, eq=False)
-class _Factorized:
+class Factorized:
     """Normal equations that can be solved."""
 
     matrix: BlockTridiagonal
@@ -183,7 +241,7 @@ class Linearized:
     """A problem around a solution, from which joints deviate as the errors of detections want it. All detections are in
     their standard deviations; without one, everything is zero."""
 
-    _factorized: _Factorized
+    _factorized: Factorized
     _segment: Segment
     residual: Float[np.ndarray, "frame camera slot 2"]
     jacobian: Float[np.ndarray, "frame camera slot 2 3"]
@@ -209,6 +267,16 @@ class Linearized:
         no_lengths = np.zeros(self._segment.skeleton.n_lengths)
         solved = self._factorized.solve(np.append(gradient, no_lengths))
         return _split(solved, self._factorized.shape)[0][:, 0]
+
+
+def _with_least_prior(determine: Callable[[float], Determined]) -> Determined:
+    """What is determined with the first prior that makes it so. Raises numpy.linalg.LinAlgError if none does."""
+    for damping in _PRIORS[:-1]:
+        try:
+            return determine(damping)
+        except np.linalg.LinAlgError:
+            continue
+    return determine(_PRIORS[-1])
 
 
 def _of_all_joints(of_slots: np.ndarray, segment: Segment) -> np.ndarray:

@@ -1,0 +1,125 @@
+"""Both solvers of the online window beside the batch: errors on the clips of the benchmark, and the time of an update.
+
+``python window_solvers.py --variants clean occluded occluded_2_cameras`` prints a line for each. The solvers take turns
+frame by frame, so that their times are of the same moments; other work makes both slower.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import tyro
+from jaxtyping import Float
+from rich.progress import track
+
+import fgpose
+from fgpose.estimation.estimator import Estimator
+from fgpose_benchmarks.accuracy.families import find_variant
+from fgpose_benchmarks.accuracy.methods import empty_frames
+from fgpose_benchmarks.accuracy.variants import TEST_CLIPS, TUNING_CLIPS, record
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording
+
+_SOLVERS = ("isam2", "window")
+_SETTLED_S = 0.2  # both begin with the same triangulated points
+_WARM_UP_S = 1.0  # twice the longest lag
+
+
+@dataclass
+class Figures:
+    """Of one solver on the recordings of a variant, one number a recording."""
+
+    newest_mm: list[float] = field(default_factory=list)
+    lagged_mm: list[float] = field(default_factory=list)
+    nees: list[float] = field(default_factory=list)
+    """Mean squared error of the newest pose in standard deviations, for each coordinate: 1 where covariances are right,
+    less where they are too large."""
+    update_ms: list[float] = field(default_factory=list)
+    """Of every update."""
+
+
+def _error_mm(positions_m: Float[np.ndarray, "frame joint 3"], recording: BenchmarkRecording) -> float:
+    error_m = np.linalg.norm(positions_m - recording.truth_m, axis=-1)[int(_SETTLED_S * recording.fps) :]
+    return 1e3 * float(np.nanmean(error_m))
+
+
+def _nees(estimates: Sequence[fgpose.Estimate], recording: BenchmarkRecording) -> float:
+    squared = []
+    for estimate in estimates:
+        assert estimate.covariance_m2 is not None
+        error_m = estimate.positions_m - recording.truth_m[estimate.frame]
+        known = np.isfinite(error_m).all(axis=-1)
+        error_m, covariance_m2 = error_m[known], estimate.covariance_m2[known]
+        squared.append(np.einsum("ni,nij,nj->n", error_m, np.linalg.inv(covariance_m2), error_m))
+    return float(np.concatenate(squared).mean()) / 3
+
+
+def _run(recording: BenchmarkRecording, lag_s: float, figures: dict[str, Figures]) -> None:
+    """Both solvers on one recording."""
+    observations, n_frames = recording.observations, len(recording.truth_m)
+    estimators = {
+        name: Estimator(recording.rig, observations.skeleton, fgpose.Config(online={"solver": name, "lag_s": lag_s}))
+        for name in _SOLVERS
+    }
+    estimates: dict[str, list[fgpose.Estimate]] = {name: [] for name in _SOLVERS}
+    for frame in [*observations, *empty_frames(recording, lag_s)]:
+        for name, estimator in estimators.items():
+            start_s = time.perf_counter()
+            estimates[name].append(estimator.update(frame))
+            if len(estimates[name]) > _WARM_UP_S * recording.fps:
+                figures[name].update_ms.append(1e3 * (time.perf_counter() - start_s))
+    for name, each in estimates.items():
+        lagged_m = np.full_like(recording.truth_m, np.nan)
+        for smoothed in (estimate.smoothed for estimate in each):
+            if smoothed is not None and smoothed.frame < n_frames:
+                lagged_m[smoothed.frame] = smoothed.positions_m
+        newest = each[:n_frames]
+        figures[name].newest_mm.append(_error_mm(np.stack([estimate.positions_m for estimate in newest]), recording))
+        figures[name].lagged_mm.append(_error_mm(lagged_m, recording))
+        figures[name].nees.append(_nees(newest, recording))
+
+
+def main(
+    variants: tuple[str, ...] = ("clean", "occluded", "occluded_3_cameras", "occluded_2_cameras"),
+    clips: Literal["test", "tuning"] = "test",
+    frames: int = 200,
+    lag_s: float = 0.2,
+) -> None:
+    """Print the errors of both solvers, and the ratio of their times.
+
+    Args:
+        variants: of the open benchmark.
+        clips: those that defaults were never chosen on, or those that they may be.
+        frames: of each clip, at 50 Hz.
+        lag_s: online.lag_s.
+    """
+    names = TEST_CLIPS if clips == "test" else TUNING_CLIPS
+    print(
+        f"| {len(names)} clips, lag {lag_s:g} s | solver | newest, mm | over batch | lagged, mm | over batch | NEES |"
+    )
+    print("|---|---|---:|---:|---:|---:|---:|")
+    ratios = []
+    for variant in variants:
+        figures, batch_mm = {name: Figures() for name in _SOLVERS}, []
+        for clip in track(names, variant, transient=True):
+            recording = record(find_variant(variant), clip, frames)
+            _run(recording, lag_s, figures)
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", message=".*has not converged")
+                trajectory = fgpose.smooth(recording.observations, recording.rig)
+            batch_mm.append(_error_mm(trajectory.positions_m, recording))
+        for name, each in figures.items():
+            newest, lagged, batch = (float(np.mean(mm)) for mm in (each.newest_mm, each.lagged_mm, batch_mm))
+            cells = f"{newest:.1f} | {newest / batch:.2f} | {lagged:.1f} | {lagged / batch:.2f}"
+            print(f"| {variant} (batch {batch:.1f}) | {name} | {cells} | {np.mean(each.nees):.2f} |", flush=True)
+        times = [np.percentile(figures[name].update_ms, (50, 99)) for name in _SOLVERS]
+        ratios.append(f"{variant}: {times[1][0] / times[0][0]:.2f} (median), {times[1][1] / times[0][1]:.2f} (99 %)")
+    print("\nTime of an update of window over isam2:", *ratios, sep="\n")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
