@@ -82,14 +82,17 @@ def test_a_late_image_opens_a_frame_again(rig: fgpose.CameraRig, skeleton: fgpos
     frames = list(recording.observations)
     lagged = []
     for number, frame in enumerate(frames):
-        estimate = on_time.update(frame)
+        on_time.update(frame)
         for camera, name in enumerate(rig.names):
             earlier = frames[number - late * (camera == 3)] if number >= late or camera < 3 else None
             if earlier is not None:
                 seen = earlier.points2d_px[0, camera], earlier.confidence[0, camera]
-                one_late = delayed.update_camera(name, float(earlier.time_s[0]), *seen)
-        if estimate.smoothed is not None and one_late.smoothed is not None:
-            lagged.append(estimate.smoothed.positions_m - one_late.smoothed.positions_m)
+                delayed.update_camera(name, float(earlier.time_s[0]), *seen)
+        one, one_late = (estimator.newest for estimator in (on_time, delayed))
+        assert one is not None
+        assert one_late is not None
+        if one.smoothed is not None and one_late.smoothed is not None:
+            lagged.append(one.smoothed.positions_m - one_late.smoothed.positions_m)
     # All images are there within the lag. Errors are 10 mm: what is left is where frames were linearised, and lengths
     # that were learned with and without the images.
     assert np.linalg.norm(lagged, axis=-1).mean() < 4e-3
