@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.geometry.camera import CameraRig
-from fgpose_factors import projection_residual
+from fgpose_factors import project
 
 
 def reprojection_residual_px(
@@ -29,12 +29,18 @@ def linearized_projection(
 ]:
     """Projection of the estimate less each detection, undistorted pixels; its Jacobian by the position, 1/m; and where
     they are known. Without a detection, without an estimate, and at or behind a camera they are not, and 0."""
-    # Fortran order has the frames innermost: with the coordinates inside, numpy takes several times as long.
-    residual_px = np.empty(undistorted_px.shape, order="F")
-    jacobian = np.empty((*residual_px.shape, 3), order="F")
-    for number, camera in enumerate(rig.cameras):
-        of_camera = projection_residual(positions_m, camera.camera_T_world, camera.K, undistorted_px[:, number])
-        residual_px[:, number], (jacobian[:, number],) = of_camera
-    known = np.ascontiguousarray(np.isfinite(residual_px).all(axis=-1) & np.isfinite(jacobian).all(axis=(-1, -2)))
-    residual_px[~known], jacobian[~known] = 0.0, 0.0
-    return residual_px, jacobian, known
+    n_frames, n_cameras, n_joints = undistorted_px.shape[:3]
+    projected_px, jacobian = project(positions_m.reshape(-1, 3), rig.camera_T_world, rig.K)
+    residual_px = projected_px - np.moveaxis(undistorted_px, (1, 3), (0, 1)).reshape(n_cameras, 2, -1)
+    known = np.asarray(np.isfinite(residual_px).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
+    np.copyto(residual_px, 0.0, where=~known[:, None])
+    np.copyto(jacobian, 0.0, where=~known[:, None, None])
+
+    def by_frame(
+        of_points: Float[np.ndarray, "camera *values point"],
+    ) -> Float[np.ndarray, "frame camera joint *values"]:
+        """A view: with the values inside, numpy takes several times as long."""
+        by_point = np.moveaxis(of_points, -1, 0).reshape(n_frames, n_joints, *of_points.shape[:-1])
+        return by_point.swapaxes(1, 2)
+
+    return by_frame(residual_px), by_frame(jacobian), np.ascontiguousarray(by_frame(known))
