@@ -13,6 +13,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console
 from fgpose.cli.viewers import open_viewer, warn_if_others_reach
+from fgpose.monocular.networks.devices import Device
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,6 +42,8 @@ class LiveInputs:
     """Network that looks for people in images."""
     max_people: Annotated[int, arg(metavar="N")] = 2
     """How many people to find in each image at most."""
+    device: Device = "auto"
+    """Where the network runs; fgpose models list shows what is there."""
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
     """Joints of the keypoints where all detectors are elsewhere."""
     jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None

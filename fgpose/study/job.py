@@ -38,6 +38,7 @@ def _network(settings: DetectionSettings, base: Path) -> Network:
         kind=settings.network,
         detector=base / settings.detector if settings.detector else None,
         max_people=settings.max_people,
+        device=settings.device,
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from fgpose.config import Config, checked_fields, parse_toml
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.monocular.networks.devices import Device
 from fgpose.plain_files import naming, read_settings
 from fgpose.study.pattern import Pattern
 
@@ -77,6 +78,8 @@ class DetectionSettings:
     network: Literal["blazepose", "rtmpose", "rtmw3d", "metrabs"] = "blazepose"
     detector: str = ""
     max_people: int = 8
+    device: Device = "auto"
+    """Where it runs: cpu, or what fgpose models list shows on every machine of the study."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
 from fgpose.cli.options import CameraChoice, RigOption, WantedOptions, checked_frames
+from fgpose.monocular.networks.devices import Device
 from fgpose.observations import check_confidence
 
 if TYPE_CHECKING:
@@ -57,6 +58,8 @@ class NetworkOptions:
     max_people: Annotated[int, arg(metavar="N")] = 8
     """How many people to find in each image at most. More take longer; fewer than there are, and some are not
     estimated, or the one who is chosen is somebody else in some images."""
+    device: Device = "auto"
+    """Where the network runs; fgpose models list shows what is there, and what auto takes."""
     jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None
     """How many cameras to work on at the same time."""
     cache: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: ~/.cache/fgpose/detections)")] = (
@@ -87,6 +90,7 @@ class NetworkOptions:
                 detector=self.detector,
                 skeleton=self.skeleton,
                 max_people=self.max_people,
+                device=self.device,
                 progress=status.update,
             )
 

@@ -128,7 +128,7 @@ class Live(LiveOutputs, LiveInputs):
             if self.skeleton is None:
                 raise ValueError(f"{self.rig}: all detectors are elsewhere; say with --skeleton what their joints are")
             return None, load_skeleton(self.skeleton)
-        open_it = partial(open_network, self.model, max_people=self.max_people)
+        open_it = partial(open_network, self.model, max_people=self.max_people, device=self.device)
         # Here as well, so that weights are fetched once.
         with new_console(stderr=True).status("opening the network"):
             return open_it, open_it().skeleton

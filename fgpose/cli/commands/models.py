@@ -38,7 +38,7 @@ class Pull:
 
 @dataclass(frozen=True, kw_only=True)
 class ListModels:
-    """List the models that can be fetched, and which of them are in the cache.
+    """List the models that can be fetched, which of them are in the cache, and on which devices networks can run here.
 
     Example: fgpose models list
     """
@@ -46,6 +46,7 @@ class ListModels:
     def run(self) -> None:
         from fgpose.extensions import added
         from fgpose.monocular.downloads.models import MODELS
+        from fgpose.monocular.networks.devices import available_devices, chosen_device
 
         console = new_console()
         for model in MODELS:
@@ -56,6 +57,11 @@ class ListModels:
             console.print(line, soft_wrap=True)
         for name in added("fgpose.detectors"):
             console.print(f"{name:<16} of another package", soft_wrap=True)
+        try:
+            devices = f"{', '.join(available_devices())}; auto takes {chosen_device('auto')}"
+        except ImportError:
+            devices = "none without onnxruntime (pip install 'fgpose[video]')"
+        console.print(f"--device: {devices}", soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from fgpose.monocular.network import Image, People, checked_image
 from fgpose.monocular.networks.blazepose_detector import BlazePoseDetector
 from fgpose.monocular.networks.blazepose_landmarks import LandmarkNetwork, Landmarks
 from fgpose.monocular.networks.crops import Region
-from fgpose.monocular.networks.sessions import identity
+from fgpose.monocular.networks.devices import Device
 
 _SEARCH_EVERY = 5
 """While somebody is tracked, the detector runs only once in this many images to find more people: it takes as long as
@@ -43,12 +43,13 @@ class BlazePose:
         landmarks: ONNX file of the landmark network: lite, full or heavy.
         detector: ONNX file of the person detector.
         threads: how many threads one run of a network may use.
+        device: where both networks run.
         max_people: how many people to follow at most. The more confident detections come first.
         detect_every_frame: detect people in every image, without tracking.
 
     Raises:
         OSError: there is no such file.
-        ValueError: a file is not that network, or a number is below 1.
+        ValueError: a file is not that network, a number is below 1, or the device is not available.
     """
 
     def __init__(
@@ -57,18 +58,19 @@ class BlazePose:
         detector: Path,
         *,
         threads: int = 1,
+        device: Device = "auto",
         max_people: int = 1,
         detect_every_frame: bool = False,
     ) -> None:
         if max_people < 1:
             raise ValueError(f"max_people must be at least 1, got {max_people}")
-        self.landmarks = LandmarkNetwork(landmarks, threads)
-        self.detector = BlazePoseDetector(detector, threads)
+        self.landmarks = LandmarkNetwork(landmarks, threads, device)
+        self.detector = BlazePoseDetector(detector, threads, device)
         self.max_people = max_people
         self.detect_every_frame = detect_every_frame
         self.skeleton = load_skeleton("blazepose_33")
         how = "detected" if detect_every_frame else "tracked"
-        self.name = f"blazepose {identity(landmarks)}, {max_people} {how} by {identity(detector)}"
+        self.name = f"blazepose {self.landmarks.name}, {max_people} {how} by {self.detector.name}"
 
     def tracker(self, camera: Camera) -> BlazePoseTracker:
         """For the images of one camera, whose size and intrinsics are those of the images."""

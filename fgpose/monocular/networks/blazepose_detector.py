@@ -13,7 +13,8 @@ from jaxtyping import Float
 
 from fgpose.monocular.network import Image
 from fgpose.monocular.networks.crops import Region
-from fgpose.monocular.networks.sessions import check_signature, open_session
+from fgpose.monocular.networks.devices import Device
+from fgpose.monocular.networks.sessions import check_signature, identity, open_session
 
 # Of the network: side of its input, and what it gives for each anchor.
 _SIZE = 224
@@ -39,9 +40,10 @@ class BlazePoseDetector:
         ValueError: it is not the ONNX network of BlazePose's person detector.
     """
 
-    def __init__(self, path: Path, threads: int = 1) -> None:
-        self._session = open_session(path, threads)
+    def __init__(self, path: Path, threads: int = 1, device: Device = "auto") -> None:
+        self._session = open_session(path, threads, device)
         check_signature(self._session, path, _INPUTS, _OUTPUTS)
+        self.name = identity(path, self._session)
 
     def detect(self, image: Image) -> list[Region]:
         """The square around each person's whole body, upright along the trunk; the most confident first."""

@@ -15,7 +15,8 @@ from jaxtyping import Float
 from fgpose.monocular.network import Image
 from fgpose.monocular.networks.blazepose_detector import BODY_SCALE
 from fgpose.monocular.networks.crops import Region
-from fgpose.monocular.networks.sessions import check_signature, open_session
+from fgpose.monocular.networks.devices import Device
+from fgpose.monocular.networks.sessions import check_signature, identity, open_session
 
 # Of the network: sides of its input and heatmaps; 33 joints, then six auxiliary landmarks, of which two tell where to
 # look in the next image.
@@ -68,9 +69,10 @@ class LandmarkNetwork:
         ValueError: it is not an ONNX network of BlazePose's landmarks.
     """
 
-    def __init__(self, path: Path, threads: int = 1) -> None:
-        self._session = open_session(path, threads)
+    def __init__(self, path: Path, threads: int = 1, device: Device = "auto") -> None:
+        self._session = open_session(path, threads, device)
         check_signature(self._session, path, _INPUTS, _OUTPUTS)
+        self.name = identity(path, self._session)
 
     def locate(self, image: Image, region: Region) -> Landmarks:
         """Landmarks of the person in the region, whether or not there is one."""

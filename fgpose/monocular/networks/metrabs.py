@@ -18,6 +18,7 @@ from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
+from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.sessions import identity, open_session
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.networks.yolox import person_detector
@@ -79,6 +80,7 @@ class MeTRAbs:
         num_aug: int = 1,
         world_up: tuple[float, float, float] | None = None,
         threads: int = 1,
+        device: Device = "auto",
         max_people: int = 4,
         detect_every_frame: bool = True,
     ) -> None:
@@ -94,6 +96,7 @@ class MeTRAbs:
             world_up: direction in the world that is to be up in the crops, for cameras that are not upright. By default
                 up in the image.
             threads: how many threads one run may use.
+            device: where the networks run.
             max_people: how many people are looked at in an image, the most confident first.
             detect_every_frame: False follows the joints from image to image, see TopDownTracker. Without augmentation
                 every joint in the image counts as seen, so the next detection is the first to show that a person left.
@@ -101,11 +104,11 @@ class MeTRAbs:
         if num_aug < 1:
             raise ValueError(f"num_aug must be at least 1, got {num_aug}")
         self.skeleton = skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
-        self._model = _CropModel(landmarks, self.skeleton, threads)
+        self._model = _CropModel(landmarks, self.skeleton, threads, device)
         self._augmentations, self._world_up = augmentations(num_aug), world_up
-        self._top_down = TopDown(person_detector(detector, threads), max_people, detect_every_frame)
+        self._top_down = TopDown(person_detector(detector, threads, device), max_people, detect_every_frame)
         up = "" if world_up is None else f" up {world_up}"
-        self.name = f"metrabs {identity(landmarks)} {num_aug} augmentations{up}, {self._top_down.name}"
+        self.name = f"metrabs {self._model.name} {num_aug} augmentations{up}, {self._top_down.name}"
 
     def tracker(self, camera: Camera) -> TopDownTracker:
         """For the images of one camera, whose size and intrinsics are those of the images."""
@@ -267,9 +270,10 @@ def _pyramid(image: Image) -> list[np.ndarray]:
 class _CropModel:
     """The network itself, for crops with the channels first or last."""
 
-    def __init__(self, path: Path, skeleton: Skeleton, threads: int) -> None:
-        self._session = open_session(path, threads)
+    def __init__(self, path: Path, skeleton: Skeleton, threads: int, device: Device) -> None:
+        self._session = open_session(path, threads, device)
         self._path = path
+        self.name = identity(path, self._session)
         self._inputs = {len(node.shape): node for node in self._session.get_inputs()}
         self.side, self._channels_first = self._layout()
         n_joints = self._n_joints()

@@ -13,6 +13,7 @@ from jaxtyping import Float, Float32, UInt8
 from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.network import Image, People
+from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.sessions import Shape, check_signature, identity, open_session
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker, by_order
 from fgpose.monocular.networks.yolox import person_detector
@@ -77,13 +78,14 @@ class SimccNetwork:
         ValueError: the file has other inputs or outputs; the message names it, what is expected and what is there.
     """
 
-    def __init__(self, path: Path, axes: tuple[str, ...], threads: int = 1) -> None:
+    def __init__(self, path: Path, axes: tuple[str, ...], threads: int = 1, device: Device = "auto") -> None:
         """axes: the outputs in their order; the names that the file gives them do not matter."""
-        self._session = open_session(path, threads)
+        self._session = open_session(path, threads, device)
         self._path, self._axes = path, axes
         self.size = self._checked_size()
         self._input = self._session.get_inputs()[0].name
         self.n_keypoints = self._checked_answer()
+        self.name = identity(path, self._session)
 
     def pose(self, image: Image, box: Box) -> SimccPose:
         """The person in a box (left, top, width, height, ...) of an image."""
@@ -152,6 +154,7 @@ class RTMPose:
         detector: Path | PersonDetector,
         *,
         threads: int = 1,
+        device: Device = "auto",
         max_people: int = 4,
         detect_every_frame: bool = True,
     ) -> None:
@@ -161,17 +164,18 @@ class RTMPose:
                 simcc_y [1, K, 512], two bins per pixel.
             detector: an ONNX file of YOLOX, or a detector of your own.
             threads: how many threads one run may use.
+            device: where the networks run.
             max_people: how many people are looked at in an image, the most confident first.
             detect_every_frame: False follows the joints from image to image, see TopDownTracker.
         """
-        self._simcc = SimccNetwork(landmarks, ("simcc_x", "simcc_y"), threads)
+        self._simcc = SimccNetwork(landmarks, ("simcc_x", "simcc_y"), threads, device)
         count = self._simcc.n_keypoints
         if count not in _SKELETONS:
             known = " or ".join(f"{n} ({name})" for n, name in _SKELETONS.items())
             raise ValueError(f"{landmarks} gives {count} keypoints; known are {known}")
         self.skeleton = load_skeleton(_SKELETONS[count])
-        self._top_down = TopDown(person_detector(detector, threads), max_people, detect_every_frame)
-        self.name = f"rtmpose {identity(landmarks)}, {self._top_down.name}"
+        self._top_down = TopDown(person_detector(detector, threads, device), max_people, detect_every_frame)
+        self.name = f"rtmpose {self._simcc.name}, {self._top_down.name}"
 
     def tracker(self, camera: Camera) -> TopDownTracker:
         """For the images of one camera, of which 2D joints need nothing but the image size."""

@@ -20,8 +20,8 @@ from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
+from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.rtmpose import SimccNetwork
-from fgpose.monocular.networks.sessions import identity
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.networks.yolox import person_detector
 from fgpose.skeleton import LIMBS, Skeleton
@@ -62,6 +62,7 @@ class RTMW3D:
         *,
         height_m: float | None = HEIGHT_M,
         threads: int = 1,
+        device: Device = "auto",
         max_people: int = 4,
         detect_every_frame: bool = True,
     ) -> None:
@@ -73,20 +74,21 @@ class RTMW3D:
             height_m: standing height of the people, or None for 2D joints only. A person of another height h comes out
                 at height_m / h times their distance.
             threads: how many threads one run may use.
+            device: where the networks run.
             max_people: how many people are looked at in an image, the most confident first.
             detect_every_frame: False follows the joints from image to image, see TopDownTracker.
         """
         if height_m is not None and not 0.5 <= height_m <= 2.5:
             raise ValueError(f"the height of a person is 0.5 to 2.5 m, got {height_m:g}")
-        self._simcc = SimccNetwork(landmarks, ("simcc_x", "simcc_y", "simcc_z"), threads)
+        self._simcc = SimccNetwork(landmarks, ("simcc_x", "simcc_y", "simcc_z"), threads, device)
         if self._simcc.n_keypoints != _N_KEYPOINTS:
             count = self._simcc.n_keypoints
             raise ValueError(f"{landmarks} gives {count} keypoints; RTMW3D gives {_N_KEYPOINTS} (whole body)")
         self.skeleton = load_skeleton("coco_17")
         self._height_m = height_m
-        self._top_down = TopDown(person_detector(detector, threads), max_people, detect_every_frame)
+        self._top_down = TopDown(person_detector(detector, threads, device), max_people, detect_every_frame)
         height = "2D" if height_m is None else f"{height_m:g} m"
-        self.name = f"rtmw3d {identity(landmarks)} {height}, {self._top_down.name}"
+        self.name = f"rtmw3d {self._simcc.name} {height}, {self._top_down.name}"
 
     def tracker(self, camera: Camera) -> TopDownTracker:
         """For the images of one camera, whose size and intrinsics are those of the images."""

@@ -1,11 +1,14 @@
-"""Sessions of onnxruntime: opened for the processor, and checked for the inputs and outputs of the network wanted."""
+"""Sessions of onnxruntime: opened on a device, and checked for the inputs and outputs of the network wanted."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from fgpose.monocular.networks.devices import CPU, Device, device_of, providers_of
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -17,22 +20,41 @@ _FLOAT32 = "tensor(float)"
 _FATAL = 4  # onnxruntime's number of this level
 
 
-def open_session(path: Path, threads: int = 1) -> InferenceSession:
-    """The network of an ONNX file, on the processor. Several threads may run it at the same time.
+def open_session(path: Path, threads: int = 1, device: Device = "auto") -> InferenceSession:
+    """The network of an ONNX file. Several threads may run it at the same time.
 
     Args:
         path: the ONNX file.
-        threads: how many threads one run may use.
+        threads: how many threads of the processor one run may use.
+        device: where it runs. With auto on the processor, if what is there does not start.
 
     Raises:
         OSError: there is no such file, or it cannot be read.
-        ValueError: the file is not an ONNX network that onnxruntime can run, or threads is below 1.
+        ValueError: the device is not available or does not start, the file is not an ONNX network that onnxruntime can
+            run there, or threads is below 1.
     """
     if threads < 1:
         raise ValueError(f"a session needs at least one thread, got {threads}")
     if not path.is_file():
         raise FileNotFoundError(f"{path}: there is no such network file")
     path.open("rb").close()  # onnxruntime reports a file that may not be read as one that is damaged
+    providers = providers_of(device)
+    if device == "auto" and providers[0] != CPU:
+        try:
+            return _opened(path, threads, providers)
+        except ValueError:
+            providers = [CPU]
+    session = _opened(path, threads, providers)
+    if session.get_providers()[0] != providers[0]:
+        raise ValueError(
+            f"device {device}: onnxruntime has {providers[0]} but could not start it, and would run {path} on"
+            f" {device_of(session.get_providers()[0])}: drivers or libraries that it needs are missing or too old"
+        )
+    return session
+
+
+def _opened(path: Path, threads: int, providers: list[str]) -> InferenceSession:
+    """A session with the providers that start. Raises ValueError as open_session does."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()  # pyright: ignore[reportAttributeAccessIssue]
@@ -41,12 +63,31 @@ def open_session(path: Path, threads: int = 1) -> InferenceSession:
     # Threads that wait busily for the next run take the cores from other sessions: two in turn, detector and landmarks
     # with two threads each, took 33 ms instead of 16.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    # DirectML allows one run of a session at a time, and no memory patterns.
+    one_at_a_time = device_of(providers[0]) == "directml"
+    options.enable_mem_pattern = not one_at_a_time
     options.log_severity_level = _FATAL  # what matters is raised; a library does not print
     try:
-        return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        # Its own fallback prints, and hides on what a network runs.
+        session = onnxruntime.InferenceSession(path, options, providers=providers, enable_fallback=0)
     except Exception as error:  # onnxruntime has one exception class per status code, with no common base
         reason = str(error).strip().splitlines()[0]
-        raise ValueError(f"{path} is not an ONNX network that onnxruntime can run: {reason}") from None
+        where = "" if providers[0] == CPU else f" on {device_of(providers[0])}"
+        raise ValueError(f"{path} is not an ONNX network that onnxruntime can run{where}: {reason}") from None
+    if one_at_a_time:
+        session.run = _in_turns(session.run)
+    return session
+
+
+def _in_turns(run: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that only one thread at a time is in."""
+    turn = threading.Lock()
+
+    def run_alone(*args: Any, **kwargs: Any) -> Any:
+        with turn:
+            return run(*args, **kwargs)
+
+    return run_alone
 
 
 def check_signature(
@@ -98,7 +139,10 @@ def _written(shape: Sequence[int | str | None]) -> str:
     return "[" + ", ".join(str(length) if isinstance(length, int) else "any" for length in shape) + "]"
 
 
-def identity(path: Path) -> str:
-    """Name and content of a file in a few characters, for a network's name."""
+def identity(path: Path, session: InferenceSession) -> str:
+    """Name and content of a file in a few characters, and the device unless it is the processor, for a network's name:
+    devices round differently."""
+    provider = session.get_providers()[0]
+    where = "" if provider == CPU else f" on {device_of(provider)}"
     with path.open("rb") as file:
-        return f"{path.name}:{hashlib.file_digest(file, 'sha256').hexdigest()[:12]}"
+        return f"{path.name}:{hashlib.file_digest(file, 'sha256').hexdigest()[:12]}{where}"

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from fgpose.monocular.network import Image
+from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.sessions import check_signature, identity, open_session
 from fgpose.monocular.networks.topdown import Boxes, PersonDetector, by_order, suppress, usable
 
@@ -30,24 +31,33 @@ class Yolox:
         ValueError: it is not a YOLOX network; the message says what is expected and what is there.
     """
 
-    def __init__(self, path: Path, *, threads: int = 1, min_confidence: float = 0.3, max_overlap: float = 0.45) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        threads: int = 1,
+        device: Device = "auto",
+        min_confidence: float = 0.3,
+        max_overlap: float = 0.45,
+    ) -> None:
         """
         Args:
             path: an ONNX file: ``input`` [1, 3, 640, 640] -> ``dets`` [1, N, 5] (left, top, right, bottom, confidence)
                 and ``labels`` [1, N], or ``images`` -> ``output`` [1, 8400, 5 + classes] without decoding. The names
                 do not matter, and the side may be any multiple of 32.
             threads: how many threads one run may use.
+            device: where it runs.
             min_confidence: less certain boxes are left out. The authors show boxes from 0.3 on.
             max_overlap: intersection over union of two boxes from which the less certain one is left out. Has no
                 effect on a network that does so itself.
         """
-        self._session = open_session(path, threads)
+        self._session = open_session(path, threads, device)
         self._min_confidence, self._max_overlap = min_confidence, max_overlap
         self._decodes = len(self._session.get_outputs()) > 1
         self._side = self._checked_side(path)
         self._input = self._session.get_inputs()[0].name
         self._check_answer(path)
-        self.name = f"yolox {identity(path)} from {min_confidence:g} overlap {max_overlap:g}"
+        self.name = f"yolox {identity(path, self._session)} from {min_confidence:g} overlap {max_overlap:g}"
 
     def boxes(self, image: np.ndarray) -> Boxes:
         """The people in an image, the most confident first. Raises ValueError: not (height, width, 3) uint8."""
@@ -89,9 +99,9 @@ class Yolox:
             raise ValueError(f"{path} is another network: YOLOX answers {expected}, this one {found}")
 
 
-def person_detector(detector: Path | PersonDetector, threads: int) -> PersonDetector:
+def person_detector(detector: Path | PersonDetector, threads: int, device: Device) -> PersonDetector:
     """The YOLOX network of a file, or a detector of one's own."""
-    return Yolox(detector, threads=threads) if isinstance(detector, Path) else detector
+    return Yolox(detector, threads=threads, device=device) if isinstance(detector, Path) else detector
 
 
 def letterbox(image: Image, side: int) -> tuple[Float32[np.ndarray, "1 3 side side"], Float[np.ndarray, " 2"]]:

@@ -70,7 +70,8 @@ def test_help_explains_and_gives_an_example(command: str, capsys: pytest.Capture
     assert end.value.code == 0
     printed = capsys.readouterr().out
     assert f"Example: fgpose {command} videos/ --rig Calib.qca.txt" in printed
-    options = {"--model", "--network", "--detector", "--fps", "--people", "--person-region", "--jobs", "--cache"}
+    options = {"--model", "--network", "--detector", "--device", "--fps", "--people", "--jobs", "--cache"}
+    options.add("--person-region")
     if command == "run":
         options |= {"--projection.sigma-px", "--refine-calibration", "--config", "--no-images", "--image-width"}
     assert {option for option in options if option not in printed} == set()
@@ -435,6 +436,19 @@ def test_networks_that_cannot_be_opened(
         lambda name, progress=None: pulled if name in names else pull(name, progress),
     )
     assert culprit in failure(["run", *source, "-o", str(tmp_path / "out"), *options], capsys)
+
+
+@pytest.mark.parametrize("command", ["detect", "run", "calibrate"])
+def test_a_device_that_is_not_there(
+    command: str, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("onnxruntime.get_available_providers", lambda: ["CPUExecutionProvider"])
+    if command == "calibrate":
+        source = [source[0], "--synchronised"]
+    output = tmp_path / "out" / "rig.toml"
+    line = failure([command, *source, "-o", str(output), "--device", "cuda"], capsys)
+    assert "no CUDAExecutionProvider; it has cpu. CUDAExecutionProvider comes with the wheel onnxruntime-gpu" in line
+    assert not output.is_file()
 
 
 def test_without_weights_and_without_a_registry_the_message_says_what_to_do(

@@ -72,6 +72,18 @@ def receive(port: int, frames: list[LiveFrame], stop: threading.Event) -> None:
                 frames.append(decode_frame(consumer.recv(), scene().motion.skeleton))
 
 
+def test_a_device_that_is_not_there_is_said_before_cameras_are_opened(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("onnxruntime.get_available_providers", lambda: ["CPUExecutionProvider"])
+    rig = rig_file(tmp_path)
+    rig.write_text(rig.read_text().replace('"zmq"', '"rtsp://127.0.0.1:9/nobody"'))
+    assert main(["live", str(rig), "--device", "openvino"]) == 2
+    printed = capsys.readouterr().err
+    assert "OpenVINOExecutionProvider comes with the wheel onnxruntime-openvino" in printed
+    assert "nobody" not in printed
+
+
 @pytest.mark.slow
 def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     keypoints_port, frames_port = free_port(), free_port()

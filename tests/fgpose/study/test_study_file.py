@@ -46,6 +46,7 @@ def test_parameters_and_lists_are_read(edited: Callable[[str, str], Path]) -> No
         ("h36m_17", "h36m_71", "h36m_71"),
         ("[steps]", 'videos = "{trial}"\n[steps]', "a study begins from one of them"),
         ("[steps]", 'layout = "pose2sim"\n[steps]', "the layout pose2sim finds it by itself"),
+        ("[steps]", '[detect]\ndevice = "gpu"\n[steps]', "detect.device must be one of auto, cpu, cuda, "),
         ("[steps]", "[resources]\nworkers = 0\n[steps]", "resources.workers must be a positive number"),
         ("[steps]", "[resources]\nworkers = true\n[steps]", "resources.workers must be a int"),
         ("[steps]", "[steps", "study.toml"),

@@ -298,9 +298,35 @@ def test_list_says_where_each_model_is(
     monkeypatch.setattr(models, "MODELS", (model, find_model("blazepose-heavy")))
     pulled = model.pull(download=registry.download)
     run("list")
-    tiny, heavy = (line.split(maxsplit=5) for line in capsys.readouterr().out.splitlines())
+    *listed, devices = capsys.readouterr().out.splitlines()
+    tiny, heavy = (line.split(maxsplit=5) for line in listed)
     assert tiny == ["tiny", "free", "0.0", "MB", "blazepose_33", str(pulled.landmarks)]
     assert heavy == ["blazepose-heavy", "Apache-2.0", "33.5", "MB", "blazepose_33", "not pulled"]
+    assert devices.startswith("--device: cpu")
+
+
+@pytest.mark.parametrize(
+    ("providers", "line"),
+    [
+        (["AzureExecutionProvider", "CPUExecutionProvider"], "--device: cpu; auto takes cpu"),
+        (
+            ["TensorrtExecutionProvider", "CUDAExecutionProvider", "CPUExecutionProvider"],
+            "--device: cpu, cuda, tensorrt; auto takes cuda",
+        ),
+    ],
+)
+def test_list_says_on_what_networks_can_run(
+    providers: list[str], line: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: providers)
+    run("list")
+    assert capsys.readouterr().out.splitlines()[-1] == line
+
+
+def test_list_needs_no_onnxruntime(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    run("list")
+    assert "pip install 'fgpose[video]'" in capsys.readouterr().out.splitlines()[-1]
 
 
 def test_pull_on_the_command_line(
