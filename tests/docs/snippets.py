@@ -83,9 +83,11 @@ def check_command(words: list[str], *, is_run: bool) -> None:
 
 
 def check_pip(arguments: list[str]) -> None:
-    """That the extras exist."""
+    """That the extras exist, or the wheel that replaces another."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert arguments[0] == "install"
+    assert arguments[0] in ("install", "uninstall"), arguments
+    if arguments[-1] in ("onnxruntime", "onnxruntime-gpu"):
+        return
     match = re.fullmatch(r"fgpose(?:\[(?P<extras>[a-z0-9,]+)\])?", arguments[-1])
     assert match, arguments
     assert set((match["extras"] or "").split(",")) - {""} <= set(project["optional-dependencies"]), arguments
