@@ -38,7 +38,6 @@ _REVISED_S = 0.25
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at
 # twice as much, the mean errors on the tuning clips are 1 to 2 % larger.
 _CHANGED_SHARE = 0.15
-_FASTEST_MPS = 1e4  # frames that are microseconds apart hardly tell velocities
 
 
 class Estimator:
