@@ -21,6 +21,7 @@ from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.prediction import Prediction
 from fgpose.estimation.online.window import Window
+from fgpose.estimation.online.window_solver import REVISED_S
 from fgpose.estimation.visibility.running_visibility import Filtered, RunningVisibility
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
 from fgpose.geometry.camera import CameraRig
@@ -31,10 +32,6 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 
 _APPLY_OFFSETS_S = 0.5  # a new rig costs a millisecond, and offsets change slowly
-# So many of the last seconds are revised. Joints stay hidden for about as long (visibility.hidden_s), so later images
-# hardly tell more: with half of it the errors on the tuning clips of the benchmark are 3 % larger with two occluded
-# cameras.
-_REVISED_S = 0.25
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at
 # twice as much, the mean errors on the tuning clips are 1 to 2 % larger.
 _CHANGED_SHARE = 0.15
@@ -293,7 +290,7 @@ class Estimator:
         if not is_due and not self._lengths.have_changed(self._window[-1].lengths_m):
             return {}
         self._revised_s = now_s
-        first = int(np.sum(self._window.times_s < now_s - _REVISED_S))
+        first = int(np.sum(self._window.times_s < now_s - REVISED_S))
         frames = [self._window.read(at) for at in range(first, len(self._window))]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
         gathered = concatenated([state.as_gathered for state in frames])

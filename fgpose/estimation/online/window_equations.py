@@ -15,18 +15,16 @@ from fgpose.estimation.evidence.evidence import concatenated
 from fgpose.estimation.factors.state import BatchState
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
+from fgpose.estimation.online.window_solver import REVISED_S
 from fgpose.estimation.segment import Marginal, Predecessor, Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.first_frame import Conditional, eliminate_first
 from fgpose.estimation.solvers.levenberg_marquardt import Search
-from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations
+from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations, position_blocks
 from fgpose.estimation.visibility.visibility import RESIDUALS_CORRELATED_S
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import TIME_ROUNDING_S
 
-# Older frames are eliminated: their detections hardly tell anything of the newest pose. With 0.6 and 1.2 s the mean
-# errors on the tuning clips of the benchmark with two occluded cameras differ by less than 1 %.
-_SOLVED_S = 0.25
 _STEPS = 2  # an update, from where the last one ended
 
 
@@ -54,8 +52,8 @@ class _Solved:
 
 
 class WindowEquations:
-    """The newest frames, solved together at each update, and older ones of the window, which follow them. A frame that
-    was eliminated is solved again, with all later ones, when its evidence changes.
+    """The frames that are revised, solved together at each update, and older ones of the window, which follow them. A
+    frame that was eliminated is solved again, with all later ones, when its evidence changes.
 
     Everything is arrays: it can be copied and pickled.
 
@@ -164,7 +162,7 @@ class WindowEquations:
             self._solved, poses = _Solved(problem, search), problem.poses(search.state)
             self._frames = deque(map(_posed, self._frames, poses))
         newest_s = self._frames[-1].at.time_s
-        while self._frames[0].at.time_s < newest_s - _SOLVED_S - TIME_ROUNDING_S:
+        while self._frames[0].at.time_s < newest_s - REVISED_S - TIME_ROUNDING_S:
             self._eliminate()
 
     def _eliminate(self) -> None:
@@ -216,6 +214,4 @@ def _of_positions(
     covariance: Float[np.ndarray, "unknown unknown"], state: FrameState
 ) -> Float[np.ndarray, "active_joint 3 3"]:
     """Of each position alone."""
-    n_joints = len(state.active)
-    by_joint = covariance.reshape(n_joints, 3, -1, n_joints, 3, covariance.shape[0] // (3 * n_joints))
-    return np.einsum("jajb->jab", by_joint[:, :, 0, :, :, 0])[state.active]
+    return position_blocks(covariance, len(state.active))[state.active]

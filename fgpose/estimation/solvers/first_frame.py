@@ -6,7 +6,7 @@ of linear dynamic systems"), around a pose that need not be the optimum.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -55,9 +55,9 @@ def eliminate_first(segment: Segment, poses: Float[np.ndarray, "2 kind joint 3"]
     pull, pull_of_motion = _unknowns(problem.joint_gradient(state)[0]), _unknowns(motion.pull(state)[1])
     gain = -covariance @ coupling
     information = precision + coupling.T @ gain
-    pose = state.joints[0] - _of_kinds(covariance @ pull, n_kinds)
-    of_motion = _of_kinds(pull_of_motion + gain.T @ pull, n_kinds)
-    pose, gradient, around = (_of_all_joints(each, segment) for each in (pose, of_motion, state.joints[1]))
+    moved, of_motion = (_of_kinds(each, n_kinds) for each in (covariance @ pull, pull_of_motion + gain.T @ pull))
+    found = np.stack([state.joints[0] - moved, of_motion])
+    (pose, gradient), around = problem.poses(replace(state, joints=found)), problem.poses(state)[1]
     information = problem.of_all_joints((information + information.T) / 2)
     by_joint = segment.skeleton.n_joints, 3, n_kinds
     marginal = Marginal(information.reshape(*by_joint, *by_joint), gradient, around)
@@ -69,12 +69,6 @@ def _block_diagonal(blocks: Float[np.ndarray, "axis kind kind"]) -> Float[np.nda
     matrix = np.zeros((n_axes, n_kinds, n_axes, n_kinds))
     np.einsum("ukul->ukl", matrix)[:] = blocks
     return matrix.reshape(n_axes * n_kinds, n_axes * n_kinds)
-
-
-def _of_all_joints(pose: Float[np.ndarray, "kind slot 3"], segment: Segment) -> Float[np.ndarray, "kind joint 3"]:
-    of_all = np.zeros((len(pose), segment.skeleton.n_joints, 3))
-    of_all[:, segment.joints] = pose
-    return of_all
 
 
 def _unknowns(pose: Float[np.ndarray, "kind joint 3"]) -> Float[np.ndarray, " unknown"]:

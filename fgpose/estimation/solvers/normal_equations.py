@@ -192,12 +192,11 @@ class NormalEquations:
 
     def first_covariance(self, state: BatchState) -> Float[np.ndarray, "unknown unknown"]:
         """Of the first frame, given the second; otherwise as covariances."""
-        n_kinds = self._shape[1]
+        scale = np.moveaxis(_split(self.damping_scale, self._shape)[0][0], 0, -1).ravel()
 
         def inverse(damping: float) -> Float[np.ndarray, "unknown unknown"]:
-            information = self._information(state).frames[0].reshape(self._band.size, self._band.size).copy()
-            scale = np.array([1.0, DAMPING_TIME_S**2])[:n_kinds]
-            return inverse_of(information + np.diag(np.tile(damping * scale, len(information) // n_kinds)))
+            information = self._information(state).frames[0].reshape(len(scale), len(scale))
+            return inverse_of(information + np.diag(damping * scale))
 
         return _with_least_prior(inverse)
 
@@ -251,12 +250,11 @@ class Linearized:
 
     def covariance_m2(self) -> Float[np.ndarray, "frame joint 3 3"]:
         """Marginal covariance of every active joint's position, all errors taken for independent; NaN elsewhere."""
-        n_frames, n_kinds, n_slots, _ = self._factorized.shape
+        n_frames, _, n_slots, _ = self._factorized.shape
         covariance_m2 = np.empty((n_frames, n_slots, 3, 3))
         blocks = self._factorized.matrix.inverse_blocks()
         for t, block in zip(reversed(range(n_frames)), blocks, strict=True):
-            positions_m2 = block[::n_kinds, ::n_kinds].reshape(n_slots, 3, n_slots, 3)
-            covariance_m2[t] = np.einsum("jajb->jab", positions_m2)
+            covariance_m2[t] = position_blocks(block, n_slots)
         return _of_all_joints(covariance_m2, self._segment)
 
     def deviation_m(self, errors: Float[np.ndarray, "frame camera slot 2"]) -> Float[np.ndarray, "frame slot 3"]:
@@ -267,6 +265,12 @@ class Linearized:
         no_lengths = np.zeros(self._segment.skeleton.n_lengths)
         solved = self._factorized.solve(np.append(gradient, no_lengths))
         return _split(solved, self._factorized.shape)[0][:, 0]
+
+
+def position_blocks(covariance: Float[np.ndarray, "unknown unknown"], n_joints: int) -> Float[np.ndarray, "joint 3 3"]:
+    """Of each position alone, in a covariance of the unknowns of a frame."""
+    n_kinds = len(covariance) // (3 * n_joints)
+    return np.einsum("jajb->jab", covariance[::n_kinds, ::n_kinds].reshape(n_joints, 3, n_joints, 3))
 
 
 def _with_least_prior(determine: Callable[[float], Determined]) -> Determined:
