@@ -98,8 +98,8 @@ def _arrays(observations: Observations, rig: CameraRig) -> dict[str, np.ndarray]
         "undistorted_px": rig.undistort(observations.points2d_px),
         "confidence": observations.confidence,
         "bones": np.array(observations.skeleton.bones),
-        "K": np.stack([camera.K for camera in rig.cameras]),
-        "camera_T_world": np.stack([camera.camera_T_world for camera in rig.cameras]),
+        "K": rig.K,
+        "camera_T_world": rig.camera_T_world,
     }
 
 

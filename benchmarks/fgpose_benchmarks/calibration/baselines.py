@@ -76,7 +76,7 @@ def five_point(walk: Walk, intrinsics: CameraRig) -> CameraRig:
 
 def _slopes(walk: Walk, intrinsics: CameraRig) -> Float[np.ndarray, "frame camera joint 2"]:
     """Undistorted points at unit focal length."""
-    K = np.stack([camera.K for camera in intrinsics.cameras])[:, None]
+    K = intrinsics.K[:, None]
     focal_px = np.stack([K[..., 0, 0], K[..., 1, 1]], axis=-1)
     return (intrinsics.undistort(walk.points2d_px) - K[..., :2, 2]) / focal_px
 

@@ -133,7 +133,7 @@ def rig_arrays(rig: CameraRig) -> dict[str, np.ndarray]:
     return {
         "camera_names": np.array(rig.names),
         "size_px": np.array([camera.size_px for camera in rig.cameras]),
-        "K": np.stack([camera.K for camera in rig.cameras]),
+        "K": rig.K,
         "world_T_camera": np.stack([camera.world_T_camera for camera in rig.cameras]),
         "distortion": distortion,
         "lens": np.array([camera.lens for camera in rig.cameras]),
