@@ -18,6 +18,7 @@ from jaxtyping import Float
 from rich.progress import track
 
 import fgpose
+from fgpose.assessment.metrics import mean_known, mpjpe_m, nees
 from fgpose.estimation.estimator import Estimator
 from fgpose_benchmarks.accuracy.families import find_variant
 from fgpose_benchmarks.accuracy.methods import empty_frames
@@ -43,19 +44,14 @@ class Figures:
 
 
 def _error_mm(positions_m: Float[np.ndarray, "frame joint 3"], recording: BenchmarkRecording) -> float:
-    error_m = np.linalg.norm(positions_m - recording.truth_m, axis=-1)[int(_SETTLED_S * recording.fps) :]
-    return 1e3 * float(np.nanmean(error_m))
+    settled = slice(int(_SETTLED_S * recording.fps), None)
+    return 1e3 * mpjpe_m(positions_m[settled], recording.truth_m[settled])
 
 
 def _nees(estimates: Sequence[fgpose.Estimate], recording: BenchmarkRecording) -> float:
-    squared = []
-    for estimate in estimates:
-        assert estimate.covariance_m2 is not None
-        error_m = estimate.positions_m - recording.truth_m[estimate.frame]
-        known = np.isfinite(error_m).all(axis=-1)
-        error_m, covariance_m2 = error_m[known], estimate.covariance_m2[known]
-        squared.append(np.einsum("ni,nij,nj->n", error_m, np.linalg.inv(covariance_m2), error_m))
-    return float(np.concatenate(squared).mean()) / 3
+    positions_m = np.stack([estimate.positions_m for estimate in estimates])
+    covariances_m2 = np.stack([estimate.covariance_m2 for estimate in estimates if estimate.covariance_m2 is not None])
+    return float(mean_known(nees(positions_m - recording.truth_m, covariances_m2))) / 3
 
 
 def _run(recording: BenchmarkRecording, lag_s: float, figures: dict[str, Figures]) -> None:
