@@ -183,13 +183,17 @@ def test_detections_of_another_device_are_not_taken_from_the_cache(network: Path
 
 
 def run_three_times_at_once(session: onnxruntime.InferenceSession) -> None:
+    """All give the same."""
     with ThreadPoolExecutor(3) as pool:
-        list(pool.map(lambda _: session.run(["sum"], {"image": IMAGES}), range(3)))
+        sums = list(pool.map(lambda _: session.run(["sum"], {"image": IMAGES}), range(3)))
+    np.testing.assert_array_equal(sums, 3 * [sums[0]])
 
 
 def test_several_threads_run_a_network_at_the_same_time(network: Path, pretended: Pretended) -> None:
-    pretended.has, pretended.within = [CUDA, CPU], threading.Barrier(3, timeout=60).wait
+    meeting = threading.Barrier(3, timeout=60)  # broken if one of them waits for another to end
+    pretended.has, pretended.within = [CUDA, CPU], meeting.wait
     run_three_times_at_once(open_session(network, device="cuda"))
+    assert not meeting.broken
 
 
 def test_directml_has_one_run_at_a_time_and_no_patterns_of_memory(network: Path, pretended: Pretended) -> None:
