@@ -31,7 +31,7 @@ def linearized_projection(
     they are known. Without a detection, without an estimate, and at or behind a camera they are not, and 0."""
     n_frames, n_cameras, n_joints = undistorted_px.shape[:3]
     projected_px, jacobian = project(positions_m.reshape(-1, 3), rig.camera_T_world, rig.K)
-    residual_px = projected_px - np.moveaxis(undistorted_px, (1, 3), (0, 1)).reshape(n_cameras, 2, -1)
+    residual_px = projected_px - undistorted_px.transpose(1, 3, 0, 2).reshape(n_cameras, 2, -1)
     known = np.asarray(np.isfinite(residual_px).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
     np.copyto(residual_px, 0.0, where=~known[:, None])
     np.copyto(jacobian, 0.0, where=~known[:, None, None])
@@ -40,7 +40,8 @@ def linearized_projection(
         of_points: Float[np.ndarray, "camera *values point"],
     ) -> Float[np.ndarray, "frame camera joint *values"]:
         """A view: with the values inside, numpy takes several times as long."""
-        by_point = np.moveaxis(of_points, -1, 0).reshape(n_frames, n_joints, *of_points.shape[:-1])
-        return by_point.swapaxes(1, 2)
+        values = of_points.shape[1:-1]
+        by_camera = of_points.reshape(n_cameras, *values, n_frames, n_joints)
+        return by_camera.transpose(-2, 0, -1, *range(1, 1 + len(values)))
 
     return by_frame(residual_px), by_frame(jacobian), np.ascontiguousarray(by_frame(known))

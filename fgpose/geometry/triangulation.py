@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -45,39 +46,44 @@ def triangulate(
     Returns:
         World points in metres, NaN where fewer than two views have a point or all rays are parallel.
     """
-    known = (np.abs(points2d_px) < _FARTHEST_PX).all(axis=-1) & (weights > 0)
-    rows = (
-        np.where(known[..., None], points2d_px, 0.0)[..., None] * projection_matrices[..., None, 2, :]
-        - projection_matrices[..., :2, :]
+    shape, n_views = points2d_px.shape[:-2], points2d_px.shape[-2]
+    if projection_matrices.ndim > 3:
+        projection_matrices = np.broadcast_to(projection_matrices, (*shape, n_views, 3, 4))
+    # All points side by side: with the coordinates inside, numpy takes several times as long.
+    across, weights, matrices = (
+        np.ascontiguousarray(array.T)
+        for array in (
+            points2d_px.reshape(-1, n_views, 2),
+            weights.reshape(-1, n_views),
+            projection_matrices.reshape(-1, n_views, 3, 4),
+        )
     )
-    rows = np.where(known[..., None, None], rows, 0.0)
+    known = (np.abs(across) < _FARTHEST_PX).all(axis=0) & (weights > 0)
+    rows = np.where(known, np.where(known, across, 0.0) * matrices[:, 2, None] - matrices[:, :2], 0.0)
     information = np.where(known, weights, 0.0)
-    enough = known.sum(axis=-1) >= 2
-    focal_px2 = np.sum(projection_matrices[..., 0, :3] ** 2, axis=-1)
-    positions_m = _solve(rows, information / focal_px2, enough)
-    forward, offset_m = projection_matrices[..., 2, :3], projection_matrices[..., 2, 3]
-    depths_m = np.sum(forward * positions_m[..., None, :], axis=-1) + offset_m
-    usable = enough & np.isfinite(positions_m).all(axis=-1)
+    enough = known.sum(axis=0) >= 2
+    positions_m = _solve(rows, information / np.sum(matrices[:3, 0] ** 2, axis=0), enough)
+    depths_m = np.sum(matrices[:3, 2] * positions_m[:, None], axis=0) + matrices[3, 2]
+    usable = enough & np.isfinite(positions_m).all(axis=0)
     # A view within 1 mm of the point, which no image is in focus at, would outweigh all others.
     depths_m = np.where(np.abs(depths_m) > 1e-3, depths_m, 1e-3)
-    return _solve(rows, np.where(usable[..., None], information / depths_m**2, 0.0), usable)
+    return _solve(rows, np.where(usable, information / depths_m**2, 0.0), usable).T.reshape(*shape, 3)
 
 
 def _solve(
-    rows: Float[np.ndarray, "*points camera 2 4"], information: Float[np.ndarray, "*points camera"], usable: np.ndarray
-) -> Float[np.ndarray, "*points 3"]:
+    rows: Float[np.ndarray, "4 2 camera point"],
+    information: Float[np.ndarray, "camera point"],
+    usable: Bool[np.ndarray, " point"],
+) -> Float[np.ndarray, "3 point"]:
     """Least squares of rows @ (X, 1) = 0 with one weight per view, by the normal equations in closed form."""
-    flat = rows.reshape(*rows.shape[:-3], -1, 4)
-    weighted = flat * np.repeat(information, 2, axis=-1)[..., None]
-    normal = np.swapaxes(weighted, -1, -2) @ flat
-    a, b, c, d, e, f = (normal[..., i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    flat, weighted = rows.reshape(4, -1, rows.shape[-1]), (rows * information).reshape(4, -1, rows.shape[-1])
+    normal = np.einsum("irn,jrn->ijn", flat[:3], weighted)
+    (a, b, c, x), (_, d, e, y), (_, _, f, z) = normal
     aa, bb, cc, dd, ee, ff = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
     determinant = a * aa + b * bb + c * cc
     # Relative to the scale of the matrix: rays that are parallel to 1e-6 give about 1e-12.
-    usable = usable & (determinant > 1e-12 * (a + d + f) ** 3)
-    adjugate = np.stack([np.stack([aa, bb, cc], -1), np.stack([bb, dd, ee], -1), np.stack([cc, ee, ff], -1)], -2)
-    solution = -(adjugate @ normal[..., :3, 3:])[..., 0]
-    return np.divide(solution, determinant[..., None], out=np.full(solution.shape, np.nan), where=usable[..., None])
+    determinant[~(usable & (determinant > 1e-12 * (a + d + f) ** 3))] = np.nan
+    return np.stack([aa * x + bb * y + cc * z, bb * x + dd * y + ee * z, cc * x + ee * y + ff * z]) / -determinant
 
 
 def triangulate_robust(
@@ -97,15 +103,14 @@ def triangulate_robust(
     Returns:
         Triangulation with shapes (*frames, joint, 3) and (*frames, joint, camera).
     """
-    points_px = np.moveaxis(undistorted_px, -3, -2)
-    weights = np.moveaxis(confidence, -2, -1)
+    points_px, weights = undistorted_px.swapaxes(-3, -2), confidence.swapaxes(-2, -1)
     pairs = _pairs(rig.n_cameras)
     if not len(pairs):
         shape = points_px.shape[:-2]
         return Triangulation(np.full((*shape, 3), np.nan), np.zeros((*shape, rig.n_cameras), dtype=bool))
     proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
     inlier_px = rig.in_own_px(_INLIER_PX) if inlier_px is None else inlier_px
-    inlier_px = np.moveaxis(np.broadcast_to(inlier_px, undistorted_px.shape[:-1]), -2, -1)
+    inlier_px = np.broadcast_to(inlier_px, undistorted_px.shape[:-1]).swapaxes(-2, -1)
     scores, inliers = _score(proposals_m, points_px, weights, rig, inlier_px)
     best = np.argmax(scores, axis=-1)
     inliers = np.take_along_axis(inliers, best[..., None, None], axis=-2)[..., 0, :]
@@ -115,6 +120,7 @@ def triangulate_robust(
     return Triangulation(np.where(determined[..., None], positions_m, np.nan), inliers & determined[..., None])
 
 
+@cache
 def _pairs(n_cameras: int) -> Int[np.ndarray, "pair 2"]:
     """All pairs of views; of a large rig _MAX_PAIRS of them, spread evenly."""
     pairs = np.array(list(combinations(range(n_cameras), 2)), dtype=int).reshape(-1, 2)

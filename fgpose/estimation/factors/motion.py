@@ -65,7 +65,7 @@ class Motions:
         step_s = self.step_s[1:]
         one, zero = np.ones_like(step_s), np.zeros_like(step_s)
         blocks = [[one, step_s], [zero, one]] if self.with_velocity else [[one]]
-        return np.moveaxis(np.array(blocks), -1, 0)
+        return np.array(blocks).transpose(2, 0, 1)
 
     @cached_property
     def precision(self) -> Float[np.ndarray, "step kind kind"]:
@@ -73,7 +73,7 @@ class Motions:
         step_s = self.step_s[1:]
         across = -6 / step_s**2
         blocks = [[12 / step_s**3, across], [across, 4 / step_s]] if self.with_velocity else [[1 / step_s]]
-        return np.moveaxis(np.array(blocks), -1, 0)
+        return np.array(blocks).transpose(2, 0, 1)
 
     @cached_property
     def coupling(self) -> Float[np.ndarray, "step kind kind"]:
@@ -85,14 +85,12 @@ class Motions:
         return 0.5 * float(np.sum(unpredicted * self._weighted(self.precision, unpredicted)))
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
-        gradient.joints[:] += self.pull(state)
+        gradient.joints[1:] += self.pull_on_later(state)
+        gradient.joints[:-1] += self._weighted(self.coupling, self._unpredicted(state))
 
-    def pull(self, state: BatchState) -> Float[np.ndarray, "frame kind slot 3"]:
-        """The gradient of these factors alone."""
-        unpredicted, pull = self._unpredicted(state), np.zeros_like(state.joints)
-        pull[1:] += self._weighted(self.precision, unpredicted)
-        pull[:-1] += self._weighted(self.coupling, unpredicted)
-        return pull
+    def pull_on_later(self, state: BatchState) -> Float[np.ndarray, "step kind slot 3"]:
+        """The gradient by the later frame of each step."""
+        return self._weighted(self.precision, self._unpredicted(state))
 
     def add_information(self, information: Information, state: BatchState) -> None:
         """The blocks within frames; those between frames are the coupling."""

@@ -104,14 +104,16 @@ class Projections:
     @cached_property
     def _measured_px(self) -> Float[np.ndarray, "camera 2 point"]:
         """All points of a coordinate side by side, as project has them."""
-        return np.ascontiguousarray(np.moveaxis(self.measured_px, (1, 3), (0, 1))).reshape(self.rig.n_cameras, 2, -1)
+        return np.ascontiguousarray(self.measured_px.transpose(1, 3, 0, 2)).reshape(self.rig.n_cameras, 2, -1)
 
     @cached_property
     def _precision(self) -> Float[np.ndarray, "camera point"]:
-        return (np.moveaxis(self.sigma_px, 1, 0) ** -2).reshape(self.rig.n_cameras, -1)
+        return (self.sigma_px.swapaxes(0, 1) ** -2).reshape(self.rig.n_cameras, -1)
 
     def _by_frame(self, of_points: Float[np.ndarray, "*values point"]) -> Float[np.ndarray, "frame slot *values"]:
-        return np.moveaxis(of_points, -1, 0).reshape(*self.measured_px.shape[::2], *of_points.shape[:-1])
+        return of_points.transpose(-1, *range(of_points.ndim - 1)).reshape(
+            *self.measured_px.shape[::2], *of_points.shape[:-1]
+        )
 
     def _squared(self, residual_px: Float[np.ndarray, "camera 2 point"]) -> Float[np.ndarray, "camera point"]:
         return self._precision * np.sum(residual_px**2, axis=1)

@@ -18,7 +18,7 @@ from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.window_solver import REVISED_S
 from fgpose.estimation.segment import Marginal, Predecessor, Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
-from fgpose.estimation.solvers.first_frame import Conditional, eliminate_first
+from fgpose.estimation.solvers.forward_pass import Conditional, ForwardPass
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations, position_blocks
 from fgpose.estimation.visibility.visibility import RESIDUALS_CORRELATED_S
@@ -38,17 +38,18 @@ class _Eliminated:
     conditional: Conditional
 
 
-@dataclass(frozen=True, eq=False)
 class _Solved:
     """What the last update has left."""
 
-    problem: NormalEquations
-    search: Search[BatchState]
+    def __init__(self, problem: NormalEquations, search: Search[BatchState]) -> None:
+        self._problem = problem
+        near = search.undamped
+        self._matrix = problem.matrix(search.state, near if isinstance(near, Factorized) else None)
+        self.forward = ForwardPass(problem, search.state, self._matrix)
 
     def covariances(self) -> Iterator[Float[np.ndarray, "unknown unknown"]]:
         """See NormalEquations."""
-        near = self.search.undamped
-        return self.problem.covariances(self.search.state, near if isinstance(near, Factorized) else None)
+        return self._problem.covariances(self._matrix)
 
 
 class WindowEquations:
@@ -159,20 +160,21 @@ class WindowEquations:
                     size = search.descend()
                     if size is None or size < problem.step_tolerance:
                         break
-            self._solved, poses = _Solved(problem, search), problem.poses(search.state)
-            self._frames = deque(map(_posed, self._frames, poses))
+                self._solved = _Solved(problem, search)
+            self._frames = deque(map(_posed, self._frames, problem.poses(search.state)))
         newest_s = self._frames[-1].at.time_s
         while self._frames[0].at.time_s < newest_s - REVISED_S - TIME_ROUNDING_S:
             self._eliminate()
 
     def _eliminate(self) -> None:
         """Of the frames that are solved, the first."""
-        first_two = list(islice(self._frames, 2))
-        segment, poses = self._segment(first_two), self._poses(first_two)
-        with one_blas_thread():
-            marginal, conditional = eliminate_first(segment, poses)
-        self._eliminated.append(_Eliminated(self._frames.popleft(), self._marginal, conditional))
-        self._marginal = marginal
+        state, marginal = self._frames.popleft(), self._marginal
+        if self._solved is None:
+            self._marginal, conditional = None, Conditional.of_nobody(self._pose(state))
+        else:
+            with one_blas_thread():
+                self._marginal, conditional = self._solved.forward.eliminate()
+        self._eliminated.append(_Eliminated(state, marginal, conditional))
 
     def _segment(self, frames: Sequence[FrameState]) -> Segment:
         first = frames[0]

@@ -42,16 +42,6 @@ def _lapack(name: str) -> Callable[..., tuple[np.ndarray, int]]:
     return routine
 
 
-def inverse_of(matrix: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "size size"]:
-    """Of a symmetric positive definite matrix. Raises numpy.linalg.LinAlgError where it is not positive definite."""
-    if not matrix.size:  # LAPACK does not take none
-        return matrix
-    factor, failed = _lapack("potrf")(matrix, lower=1)
-    if failed:
-        raise np.linalg.LinAlgError("not positive definite")
-    return _inverse_from(factor)
-
-
 def _inverse_from(factor: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "size size"]:
     """The inverse of L L^T, given L."""
     lower, _ = _lapack("potri")(factor.copy(order="F"), lower=1, overwrite_c=1)
@@ -146,13 +136,18 @@ class BlockTridiagonal:
         responses = self._back(self._border).reshape(len(factors), size, -1)
         later = np.zeros((size, size))
         for t in reversed(range(len(factors))):
-            block = _inverse_from(factors[t])
+            block = self.inverse_given_next(t)
             if t < len(self._coupling):
                 by_kind = block.reshape(*self._coupling.shape[1:3], size)
                 gain_transposed = (self._coupling[t].swapaxes(1, 2) @ by_kind).reshape(size, size)
                 block += gain_transposed.T @ later @ gain_transposed
             later = block
             yield block + responses[t] @ self.shared_covariance @ responses[t].T
+
+    def inverse_given_next(self, t: int) -> Float[np.ndarray, "size size"]:
+        """Of the information on a frame that it and all earlier ones have, its motion to the next one included: its
+        covariance, given the next one. The shared unknowns are held."""
+        return _inverse_from(self._band.diagonal[t])
 
     def _halfway(self, columns: Float[np.ndarray, "unknown column"]) -> Float[np.ndarray, "unknown column"]:
         """L^{-1} x, with the matrix L L^T of the frames."""

@@ -21,7 +21,7 @@ from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.factors.projection import Projections
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
-from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal, inverse_of
+from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
 
 # Damping as strong as a prior of 1 m on a position is as strong as one of 10 m/s on a velocity.
 DAMPING_TIME_S = 0.1
@@ -145,9 +145,13 @@ class NormalEquations:
 
     def poses(self, state: BatchState) -> Float[np.ndarray, "frame kind joint 3"]:
         """Positions and velocities of the active joints; zero elsewhere."""
-        poses = np.zeros((*self._shape[:2], self._segment.skeleton.n_joints, 3))
-        poses[:, :, self._segment.joints] = np.where(self._active[:, None, :, None], state.joints, 0.0)
-        return poses
+        return self.of_joints(np.where(self._active[:, None, :, None], state.joints, 0.0))
+
+    def of_joints(self, of_slots: Float[np.ndarray, "*kinds slot 3"]) -> Float[np.ndarray, "*kinds joint 3"]:
+        """Zero for joints that are estimated in no frame."""
+        of_joints = np.zeros((*of_slots.shape[:-2], self._segment.skeleton.n_joints, 3))
+        of_joints[..., self._segment.joints, :] = of_slots
+        return of_joints
 
     def lengths_m(self, state: BatchState) -> Float[np.ndarray, " length"]:
         """Shared bone lengths; NaN where none is estimated."""
@@ -164,18 +168,20 @@ class NormalEquations:
             return np.full(state.lengths_m.shape, np.nan)
         return np.sqrt(variance_m2)
 
-    def covariances(
-        self, state: BatchState, near: Factorized | None = None
-    ) -> Iterator[Float[np.ndarray, "unknown unknown"]]:
-        """Marginal covariance of the unknowns of all joints in each frame, by joint, axis and kind, from the last frame
-        to the first; those of joints that are not estimated do not count. With a prior where there must be one (see
-        linearized), and raises as it does.
+    def matrix(self, state: BatchState, near: Factorized | None = None) -> BlockTridiagonal:
+        """Factorised, with a prior where there must be one (see linearized), and raises as it does.
 
         Args:
             state: around which.
             near: the latest factorisation of this problem, if it was around a state near this one.
         """
-        matrix = self._held(state) if near is None else near.matrix
+        if near is not None:
+            return near.matrix
+        return _with_least_prior(lambda damping: self._factorize(self._information(state), damping))
+
+    def covariances(self, matrix: BlockTridiagonal) -> Iterator[Float[np.ndarray, "unknown unknown"]]:
+        """Marginal covariance of the unknowns of all joints in each frame, by joint, axis and kind, from the last frame
+        to the first; those of joints that are not estimated do not count."""
         for block in matrix.inverse_blocks():
             yield self.of_all_joints(block)
 
@@ -190,16 +196,6 @@ class NormalEquations:
         matrix[np.ix_(own, own)] = of_slots
         return matrix
 
-    def first_covariance(self, state: BatchState) -> Float[np.ndarray, "unknown unknown"]:
-        """Of the first frame, given the second; otherwise as covariances."""
-        scale = np.moveaxis(_split(self.damping_scale, self._shape)[0][0], 0, -1).ravel()
-
-        def inverse(damping: float) -> Float[np.ndarray, "unknown unknown"]:
-            information = self._information(state).frames[0].reshape(len(scale), len(scale))
-            return inverse_of(information + np.diag(damping * scale))
-
-        return _with_least_prior(inverse)
-
     def linearized(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Linearized:
         """The problem around these positions of the active joints. Overwrites the factorisation of the state before.
 
@@ -211,13 +207,10 @@ class NormalEquations:
         """
         state = self.initial()
         state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
-        matrix = self._held(state)
+        matrix = self.matrix(state)
         projections = next(factors for factors in self._factors if isinstance(factors, Projections))
         detections = projections.whitened(state.joints[:, 0])
         return Linearized(Factorized(matrix, self._shape), self._segment, *detections)
-
-    def _held(self, state: BatchState) -> BlockTridiagonal:
-        return _with_least_prior(lambda damping: self._factorize(self._information(state), damping))
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,9 +223,9 @@ class Factorized:
 
     def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
         joints, lengths = _split(right_hand_side, self.shape)
-        by_joint = np.moveaxis(joints, 1, -1)
+        by_joint = joints.transpose(0, 2, 3, 1)
         solved, solved_lengths = self.matrix.solve(by_joint.reshape(len(joints), -1), lengths)
-        return np.append(np.moveaxis(solved.reshape(by_joint.shape), -1, 1), solved_lengths)
+        return np.append(solved.reshape(by_joint.shape).transpose(0, 3, 1, 2), solved_lengths)
 
 
 @dataclass(frozen=True, eq=False)

@@ -191,8 +191,8 @@ class DetectionResiduals:
     ) -> Float[np.ndarray, "frame camera joint"]:
         """As LogDensities.other."""
         projected_px = rig.project(self.positions_m)
-        by_axis = zip(np.moveaxis(self.undistorted_px, -1, 0), np.moveaxis(projected_px, -1, 0), strict=True)
-        distance_px2 = sum((detected[..., None] - others[:, :, None]) ** 2 for detected, others in by_axis)
+        (x, y), (others_x, others_y) = self.undistorted_px.transpose(3, 0, 1, 2), projected_px.transpose(3, 0, 1, 2)
+        distance_px2 = (x[..., None] - others_x[:, :, None]) ** 2 + (y[..., None] - others_y[:, :, None]) ** 2
         # Both the detection and the projection err.
         density = np.nan_to_num(np.exp(distance_px2 / (-4 * spread_px[..., None] ** 2)))
         density = np.einsum("tcjk,jk->tcj", density, _share_of_others(skeleton))

@@ -1,4 +1,4 @@
-"""A frame that is eliminated takes nothing with it: optimum and covariances are those of all frames."""
+"""Frames that are eliminated take nothing with them: optimum and covariances are those of all frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fgpose.config import Config, config_from_dict
 from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.initial_guess import median_lengths
 from fgpose.estimation.segment import Predecessor, Segment
-from fgpose.estimation.solvers.first_frame import eliminate_first
+from fgpose.estimation.solvers.forward_pass import ForwardPass
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose_benchmarks.synthetic import Scene
@@ -37,35 +37,40 @@ def segment_of(scene: Scene, rig: fgpose.CameraRig, config: Config) -> Segment:
     return Segment(rig, skeleton, config, seen, active, lengths_m, 0.01, density, lengths_known=True)
 
 
-def solved(segment: Segment) -> tuple[Float[np.ndarray, "frame kind joint 3"], list[np.ndarray]]:
-    """Poses at the optimum, and the covariance of each frame."""
+def solved(
+    segment: Segment,
+) -> tuple[Float[np.ndarray, "frame kind joint 3"], list[Float[np.ndarray, "unknown unknown"]], ForwardPass]:
+    """Poses at the optimum, the covariance of each frame, and their elimination."""
     problem = NormalEquations(segment)
     state = levenberg_marquardt(problem, problem.initial(), 100).state
-    return problem.poses(state), list(problem.covariances(state))[::-1]
+    matrix = problem.matrix(state)
+    return problem.poses(state), [*problem.covariances(matrix)][::-1], ForwardPass(problem, state, matrix)
 
 
+@pytest.mark.parametrize("n_eliminated", [1, 3])
 @pytest.mark.parametrize("model", ["constant_velocity", "random_walk", "none"])
-def test_the_others_are_where_they_were(model: str, walking_scene: Scene, rig: fgpose.CameraRig) -> None:
+def test_the_others_are_where_they_were(
+    model: str, n_eliminated: int, walking_scene: Scene, rig: fgpose.CameraRig
+) -> None:
     config = config_from_dict({"motion": {"model": model}, "solver": {"step_tolerance_m": 1e-9}})
     segment = segment_of(walking_scene, rig, config)
-    poses, covariances = solved(segment)
-    marginal, conditional = eliminate_first(segment.frames(slice(0, 2)), poses[:2])
-    before = Predecessor(float(segment.evidence.time_s[0]), segment.active[0])
-    rest = replace(segment.frames(slice(1, None)), before=before, marginal=marginal)
-    rest_poses, rest_covariances = solved(rest)
+    poses, covariances, forward = solved(segment)
+    marginal, conditionals = None, []
+    for _ in range(n_eliminated):
+        marginal, conditional = forward.eliminate()
+        conditionals.append(conditional)
+    last = n_eliminated - 1
+    before = Predecessor(float(segment.evidence.time_s[last]), segment.active[last])
+    rest = replace(segment.frames(slice(n_eliminated, None)), before=before, marginal=marginal)
+    rest_poses, found, _ = solved(rest)
     # What the tolerance of 1 nm leaves; velocities are 50 positions a second.
-    np.testing.assert_allclose(rest_poses, poses[1:], atol=1e-6)
-    np.testing.assert_allclose(conditional.given(rest_poses[0]), poses[0], atol=1e-6)
-    found = [conditional.marginal(rest_covariances[0]), *rest_covariances]
+    np.testing.assert_allclose(rest_poses, poses[n_eliminated:], atol=1e-6)
+    pose = rest_poses[0]
+    for at in reversed(range(n_eliminated)):
+        pose = conditionals[at].given(pose)
+        np.testing.assert_allclose(pose, poses[at], atol=1e-6)
+        found.insert(0, conditionals[at].marginal(found[0]))
     for active, of_rest, of_all in zip(segment.active, found, covariances, strict=True):
         estimated = np.ix_(*2 * [np.repeat(active, len(of_all) // len(active))])
         # Both lose six digits to the condition of the information, from 1 m to 1 mm.
         np.testing.assert_allclose(of_rest[estimated], of_all[estimated], rtol=1e-5, atol=1e-9)
-
-
-def test_nobody_is_there_yet(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
-    segment = segment_of(walking_scene, rig, Config())
-    two = replace(segment.frames(slice(0, 2)), active=np.zeros((2, segment.skeleton.n_joints), dtype=bool))
-    marginal, conditional = eliminate_first(two, np.zeros((2, 2, segment.skeleton.n_joints, 3)))
-    assert not marginal.information.any()
-    assert not conditional.given(np.ones((2, segment.skeleton.n_joints, 3))).any()
