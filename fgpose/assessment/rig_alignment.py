@@ -67,7 +67,7 @@ def rig_similarity(rig: CameraRig, true_rig: CameraRig, *, with_scale: bool = Tr
 
 
 def _with_axes(rig: CameraRig) -> Float[np.ndarray, "point 3"]:
-    positions_m = np.stack([camera.position_m for camera in rig.cameras])
+    positions_m = rig.positions_m
     axes = np.stack([camera.world_T_camera[:3, :3].T for camera in rig.cameras])
     away_m = np.sqrt(np.mean(np.sum((positions_m - positions_m.mean(axis=0)) ** 2, axis=-1)))
     length_m = away_m if away_m > 0 else 1.0

@@ -17,7 +17,7 @@ from fgpose.geometry.triangulation import triangulate
 
 def position_errors_m(rig: CameraRig, true_rig: CameraRig) -> Float[np.ndarray, " camera"]:
     """Distance of each camera from its true place, after the similarity of the rigs."""
-    places_m, true_m = (np.stack([camera.position_m for camera in each.cameras]) for each in (rig, true_rig))
+    places_m, true_m = (each.positions_m for each in (rig, true_rig))
     return np.linalg.norm(rig_similarity(rig, true_rig).of(places_m) - true_m, axis=-1)
 
 

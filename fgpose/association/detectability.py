@@ -83,7 +83,7 @@ def detection_probability(
 
 def _behind(people: PoseFilters, others: PoseFilters, cameras: CameraRig) -> Bool[np.ndarray, "person camera"]:
     """Whether somebody nearer to the camera is in the way."""
-    eye_m = np.stack([camera.position_m for camera in cameras.cameras])
+    eye_m = cameras.positions_m
     to_person_m, to_other_m = (each.positions_m.mean(axis=1)[:, None] - eye_m for each in (people, others))
     distance_m = np.linalg.norm(to_person_m, axis=-1)
     along_m = np.einsum("kci,oci->koc", to_person_m / distance_m[..., None], to_other_m)

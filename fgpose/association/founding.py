@@ -132,7 +132,7 @@ def _pairs(moment: Moment, free: Bool[np.ndarray, "camera detection"], skeleton:
     rays = np.stack(
         [_rays(camera, points) for camera, points in zip(moment.cameras.cameras, moment.points_px, strict=True)]
     )
-    origin_m = np.stack([camera.position_m for camera in moment.cameras.cameras])
+    origin_m = moment.cameras.positions_m
     camera, detection = np.moveaxis(candidates[pairs], -1, 0)
     (origin_a_m, origin_b_m), (a, b) = np.moveaxis(origin_m[camera], 1, 0), np.moveaxis(rays[camera, detection], 1, 0)
     joints_m, distance_m = meeting(origin_a_m, a, origin_b_m, b)

@@ -195,7 +195,7 @@ class Expected:
 
     @cached_property
     def _from_camera_m(self) -> Float[np.ndarray, "camera person joint 3"]:
-        return self.positions_m - np.stack([camera.position_m for camera in self.cameras.cameras])[:, None, None]
+        return self.positions_m - self.cameras.positions_m[:, None, None]
 
     @cached_property
     def distance_m(self) -> Float[np.ndarray, "camera person joint"]:

@@ -127,7 +127,7 @@ def _information(
     rig: CameraRig,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """Of the detections of a frame on each joint: each tells the two directions across its ray."""
-    places_m = np.array([camera.position_m for camera in rig.cameras])
+    places_m = rig.positions_m
     ray_m = positions_m[:, None] - places_m[:, None]
     ray = ray_m / np.linalg.norm(ray_m, axis=-1, keepdims=True)
     strength = np.where(seen, np.nan_to_num((rig.px_per_m(positions_m) / spread_px[:, None]) ** 2), 0.0)

@@ -26,10 +26,10 @@ class Estimates:
         self._skeleton, self._config, self._late_s = skeleton, config.online, late_s
         self._covariances = OnlineCovariances(n_cameras, skeleton.n_joints, config)
 
-    def learn(self, oldest: FrameState, rig: CameraRig) -> None:
-        """Take a frame that is one lag old."""
+    def learn(self, oldest: FrameState, information: Float[np.ndarray, " joint"], rig: CameraRig) -> None:
+        """Take a frame that is one lag old, with the information of its detections."""
         if self._config.covariance:
-            self._covariances.learn(oldest, rig)
+            self._covariances.learn(oldest, information, rig)
 
     def newest(self, window: Window, rig: CameraRig) -> Estimate:
         """Of the newest frame, and of the newest one that is at least one lag old."""

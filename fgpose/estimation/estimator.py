@@ -324,8 +324,9 @@ class Estimator:
     def _learn_smoothed(self, oldest: FrameState) -> None:
         """From a frame that is one lag old."""
         self._visibility.marginalise(oldest.as_gathered, oldest.positions_m, oldest.velocities_mps, self._rig)
-        self._estimates.learn(oldest, self._rig)
-        self._prediction.learn(oldest, self._rig)
+        information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
+        self._estimates.learn(oldest, information, self._rig)
+        self._prediction.learn(oldest, information)
         if self.config.online.estimate_time_offsets and np.isfinite(oldest.step_s):
             self._learn_offsets(oldest)
 

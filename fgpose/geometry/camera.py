@@ -317,6 +317,11 @@ class CameraRig:
         return np.stack([camera.camera_T_world for camera in self.cameras])
 
     @cached_property
+    def positions_m(self) -> Float[np.ndarray, "camera 3"]:
+        """Of the cameras, in the world."""
+        return np.stack([camera.position_m for camera in self.cameras])
+
+    @cached_property
     def K(self) -> Float[np.ndarray, "camera 3 3"]:
         return np.stack([camera.K for camera in self.cameras])
 

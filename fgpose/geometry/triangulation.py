@@ -148,7 +148,7 @@ def _score(
 
 def _parallax_rad(positions_m: np.ndarray, used: np.ndarray, rig: CameraRig) -> np.ndarray:
     """Largest angle between the rays of the used views; 0 where there are fewer than two."""
-    centres_m = np.stack([camera.position_m for camera in rig.cameras])
+    centres_m = rig.positions_m
     rays = positions_m[..., None, :] - centres_m
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     cosine = np.abs(np.einsum("...ai,...bi->...ab", rays, rays))

@@ -22,7 +22,7 @@ def camera_rows(result: CalibratedFromPeople) -> dict[str, list[str]]:
     """By quantity, one value for each camera: place, direction, focal length and start, each with its standard
     deviation, the joints that were used, and what they are off by."""
     rig, sigmas = result.rig, result.sigmas
-    position_m = np.stack([camera.position_m for camera in rig.cameras])
+    position_m = rig.positions_m
     forward = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
     used = np.isfinite(result.residual_px)
     rows = {f"place {axis} [m]": _texts(position_m[:, a], 2) for a, axis in enumerate("xyz")}

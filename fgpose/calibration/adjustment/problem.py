@@ -248,7 +248,7 @@ class _Gauge:
 
     @staticmethod
     def of(rig: CameraRig) -> _Gauge:
-        from_first_m = np.stack([camera.position_m - rig.cameras[0].position_m for camera in rig.cameras])
+        from_first_m = rig.positions_m - rig.positions_m[0]
         far = int(np.argmax(np.linalg.norm(from_first_m, axis=1)))
         return _Gauge(far, from_first_m[far] @ rig.cameras[far].world_T_camera[:3, :3])
 

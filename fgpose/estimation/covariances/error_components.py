@@ -25,7 +25,7 @@ from fgpose.estimation.covariances.detection_errors import (
     lags_of,
     share_of_visible,
 )
-from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, SURELY_M, CameraMoves, without_move
+from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, SURELY_M, CameraMoves, JointMoves, without_move
 from fgpose.estimation.covariances.roughness import TELLS_AGAIN_S, roughness
 from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR
 from fgpose.estimation.covariances.variance_components import (
@@ -179,7 +179,8 @@ def _of_cameras(
     residuals without what a camera explains that has surely moved. Stretches overlap by half."""
     jacobian, positions_m = linearized.jacobian, positions_m[:, segment.joints]
     residual, good = _with_bias(segment, linearized), accepted(jacobian, segment.evidence.weights[:, :, segment.joints])
-    moves = CameraMoves.of(residual, jacobian, good, positions_m, segment.rig)
+    joints = JointMoves.of(jacobian, good, positions_m, segment.rig)
+    moves = CameraMoves.of(residual, joints)
     half = max(int(MOVE_MEMORY_S / 2 / step_s), 1)
     parts = [slice(start, start + half) for start in range(0, segment.n_frames, half)]
     around = [(slice(max(part.start - half, 0), part.stop), slice(part.start, part.stop + half)) for part in parts]
@@ -191,15 +192,16 @@ def _of_cameras(
     found_m2 = np.zeros((*jacobian.shape[:1], *jacobian.shape[2:3], 3, 3))
     for part, stretches in zip(parts, around, strict=True):
         moments_m2 = np.mean([moves.sums(stretch).moments(independent) for stretch in stretches], axis=0)
-        found_m2[part] = moves.covariance_m2(moments_m2, part)
+        found_m2[part] = joints.covariance_m2(moments_m2, part)
         if np.trace(moments_m2, axis1=-2, axis2=-1).max() > SURELY_M**2:
             residual[part] = without[part]
     return found_m2, residual
 
 
 def _root(correlation: Float[np.ndarray, "slot slot"]) -> Float[np.ndarray, "slot slot"]:
+    """The symmetric one: of others, rounding errors choose the signs of the samples."""
     values, vectors = np.linalg.eigh(correlation)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
+    return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
 
 
 def _samples(

@@ -55,7 +55,7 @@ def sole_view_errors_m2(
     if evidence.depth_sigma_m.shape[1]:
         follows = (across_m2 > 0) & evidence.from_bones[:, None]
         depth_m2 = np.where(follows, np.nan_to_num(evidence.depth_sigma_m**2), 0.0)
-    rays = positions_m[:, None] - np.array([camera.position_m for camera in rig.cameras])[:, None]
+    rays = positions_m[:, None] - rig.positions_m[:, None]
     rays = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
     along = rays[..., :, None] * rays[..., None, :]
     errors_m2 = across_m2[..., None, None] * (np.eye(3) - along) + depth_m2[..., None, None] * along
@@ -103,7 +103,7 @@ def taken_for_mirrored_m2(
     doubtful = in_one_place.any(axis=1) & (others.sum(axis=1) == 1)
     if not doubtful.any():
         return moment_m2
-    rays = positions_m[:, None] - np.array([camera.position_m for camera in rig.cameras])[:, None]
+    rays = positions_m[:, None] - rig.positions_m[:, None]
     rays = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
     other_ray = np.sum(np.where(others[..., None], rays, 0.0), axis=1)
     for joint, holder in holders(skeleton):

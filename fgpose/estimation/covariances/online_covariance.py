@@ -24,6 +24,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 
 _LEAST_STEP_S = 1e-4  # no camera is faster
+_ERRORS_EVERY_S = 0.03  # errors are correlated over 0.15 s and more: frames between tell hardly anything new of them
 
 
 class OnlineCovariances:
@@ -32,13 +33,16 @@ class OnlineCovariances:
     def __init__(self, n_cameras: int, n_joints: int, config: Config) -> None:
         self.errors, self.roughness = RunningErrors(n_cameras, n_joints), RunningRoughness()
         self._config, self._information = config, np.zeros(n_joints)
+        self._unlearned_s = 0.0
 
-    def learn(self, oldest: FrameState, rig: CameraRig) -> None:
-        """From a frame that is one lag old."""
+    def learn(self, oldest: FrameState, information: Float[np.ndarray, " joint"], rig: CameraRig) -> None:
+        """From a frame that is one lag old, with the information of its detections."""
         evidence, positions_m = oldest.evidence, oldest.positions_m
-        self.errors.add(evidence, positions_m, oldest.step_s, rig)
+        self._unlearned_s = self._unlearned_s + oldest.step_s if np.isfinite(oldest.step_s) else 0.0
+        if self._unlearned_s >= _ERRORS_EVERY_S:
+            self.errors.add(evidence, positions_m, self._unlearned_s, rig)
+            self._unlearned_s = 0.0
         self.roughness.compare(oldest.at.frame, positions_m, evidence.observed[0] & oldest.active, oldest.step_s)
-        information = np.nan_to_num(evidence.information(positions_m[None], rig)[0])
         # A joint that was seen until now is filtered as if it still were.
         keep = np.where(information > 0, np.exp(-oldest.step_s / NEARBY_S), 1.0)
         self._information = keep * self._information + (1 - keep) * information

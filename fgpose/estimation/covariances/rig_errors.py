@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.estimation.covariances.detection_errors import IN_LINE, invertible
-from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.camera import CameraRig
 
 # How far a camera that has moved may have moved, at the joints; and how probable it is that it has, beforehand.
 _MOVED_M, _PROBABILITY = (0.03, 0.1, 0.3), 0.01
@@ -29,51 +29,40 @@ SURELY_M = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class CameraMoves:
-    """What the pose of each camera does, by its six numbers: rotations and translations, in metres at the joints."""
+class JointMoves:
+    """How joints follow the poses of the cameras, which are six numbers each: rotations and translations, in metres at
+    the joints."""
 
+    jacobian: Float[np.ndarray, "frame camera joint 2 3"]
+    """Of the projections by the joints; zero where a detection does not count."""
+    by_pose: Float[np.ndarray, "frame camera joint 2 6"]
+    """The same by the pose of their camera."""
+    covariance: Float[np.ndarray, "frame joint 3 3"]
+    """Of the joints, by the detections alone."""
     moved: Float[np.ndarray, "frame joint camera 3 6"]
     """By how much the joints follow."""
-    information: Float[np.ndarray, "frame camera 6 6"]
-    """On the numbers, in parity space."""
-    gradient: Float[np.ndarray, "frame camera 6"]
-    """By the numbers, of half the sum of the squared residuals."""
 
     @staticmethod
     def of(
-        residual: Float[np.ndarray, "frame camera joint 2"],
         jacobian: Float[np.ndarray, "frame camera joint 2 3"],
         known: Bool[np.ndarray, "frame camera joint"],
         positions_m: Float[np.ndarray, "frame joint 3"],
         rig: CameraRig,
-    ) -> CameraMoves:
+    ) -> JointMoves:
         """Of the known detections, where there are two of a joint.
 
         Args:
-            residual, jacobian: of the projections less the detections, in standard deviations.
+            jacobian: of the projections, in standard deviations.
             known: which detections count.
             positions_m: the pose.
             rig: the cameras.
         """
         known = known & (known.sum(axis=1, keepdims=True) >= 2)
-        residual, jacobian = np.where(known[..., None], residual, 0.0), np.where(known[..., None, None], jacobian, 0.0)
-        positions_m = np.nan_to_num(positions_m)
-        of_cameras = [jacobian[:, c] @ _by_pose(camera, positions_m) for c, camera in enumerate(rig.cameras)]
-        by_pose = np.stack(of_cameras, axis=1)
-        information = np.einsum("tcjia,tcjib->tjab", jacobian, jacobian)
-        inverse = np.linalg.inv(invertible(information))
-        on_joint = (jacobian.swapaxes(-1, -2) @ by_pose).transpose(0, 2, 1, 3, 4)
-        moved = -inverse[:, :, None] @ on_joint
-        explained = np.einsum("tcjia,tjab,tdjkb,tdjk->tcji", jacobian, inverse, jacobian, residual, optimize=True)
-        own = np.einsum("tcjin,tcjim->tcnm", by_pose, by_pose, optimize=True)
-        shared = np.einsum("tjcan,tjcam->tcnm", on_joint, moved, optimize=True)
-        return CameraMoves(
-            moved, own + shared, np.einsum("tcjin,tcji->tcn", by_pose, residual - explained, optimize=True)
-        )
-
-    def sums(self, frames: slice) -> MoveSums:
-        """Over some of the frames."""
-        return MoveSums(self.information[frames].sum(axis=0), self.gradient[frames].sum(axis=0))
+        jacobian = np.where(known[..., None, None], jacobian, 0.0)
+        by_pose = jacobian @ _by_pose(rig.camera_T_world, np.nan_to_num(positions_m))
+        covariance = np.linalg.inv(invertible(np.einsum("tcjia,tcjib->tjab", jacobian, jacobian)))
+        moved = -covariance[:, None] @ (jacobian.swapaxes(-1, -2) @ by_pose)
+        return JointMoves(jacobian, by_pose, covariance, moved.swapaxes(1, 2))
 
     def covariance_m2(
         self, moments: Float[np.ndarray, "camera 6 6"], frames: slice
@@ -86,6 +75,31 @@ class CameraMoves:
         """
         moved = self.moved[frames]
         return np.sum(moved @ moments @ moved.swapaxes(-1, -2), axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraMoves:
+    """What detections tell of the poses of the cameras."""
+
+    information: Float[np.ndarray, "frame camera 6 6"]
+    """On the six numbers of each, in parity space."""
+    gradient: Float[np.ndarray, "frame camera 6"]
+    """By the numbers, of half the sum of the squared residuals."""
+
+    @staticmethod
+    def of(residual: Float[np.ndarray, "frame camera joint 2"], joints: JointMoves) -> CameraMoves:
+        """Residuals of the projections less the detections, in standard deviations."""
+        jacobian, by_pose = joints.jacobian, joints.by_pose
+        pull = np.einsum("tcjia,tcji->tja", jacobian, residual)
+        explained = np.einsum("tcjia,tja->tcji", jacobian, (joints.covariance @ pull[..., None])[..., 0])
+        on_joint = jacobian.swapaxes(-1, -2) @ by_pose
+        own = np.einsum("tcjin,tcjim->tcnm", by_pose, by_pose)
+        shared = np.einsum("tcjan,tjcam->tcnm", on_joint, joints.moved)
+        return CameraMoves(own + shared, np.einsum("tcjin,tcji->tcn", by_pose, residual - explained))
+
+    def sums(self, frames: slice) -> MoveSums:
+        """Over some of the frames."""
+        return MoveSums(self.information[frames].sum(axis=0), self.gradient[frames].sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,19 +151,23 @@ def without_move(
 ) -> Float[np.ndarray, "frame camera joint 2"]:
     """The residuals as they would be if this camera had not moved; see MoveSums.most_likely."""
     camera, move = moved
-    without = residual.copy()
-    moved_m = _by_pose(rig.cameras[camera], np.nan_to_num(positions_m)) @ move
+    without, poses = residual.copy(), rig.camera_T_world[camera : camera + 1]
+    moved_m = _by_pose(poses, np.nan_to_num(positions_m))[:, 0] @ move
     without[:, camera] += np.einsum("tjia,tja->tji", jacobian[:, camera], moved_m)
     return without
 
 
-def _by_pose(camera: Camera, positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint 3 6"]:
-    """How joints move, in the world, if the camera stays and they do what its pose should have done."""
-    camera_T_world = camera.camera_T_world
-    x, y, z = np.moveaxis(positions_m @ camera_T_world[:3, :3].T + camera_T_world[:3, 3], -1, 0)
-    distance_m = max(float(np.median(z)), 1.0)
-    nothing = np.zeros_like(x)
-    rows = [[nothing, z, -y], [-z, nothing, x], [y, -x, nothing]]
-    turned = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2) / distance_m
-    both = np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=-1)
-    return camera_T_world[:3, :3].T @ both
+def _by_pose(
+    camera_T_world: Float[np.ndarray, "camera 4 4"], positions_m: Float[np.ndarray, "frame joint 3"]
+) -> Float[np.ndarray, "frame camera joint 3 6"]:
+    """How joints move, in the world, if each camera stays and they do what its pose should have done."""
+    R, t_m = camera_T_world[:, :3, :3], camera_T_world[:, None, :3, 3]
+    in_camera_m = positions_m[:, None] @ R.swapaxes(1, 2) + t_m
+    distance_m = np.maximum(np.median(in_camera_m[..., 2], axis=(0, 2)), 1.0)
+    by_number = np.zeros((*in_camera_m.shape, 6))
+    x, y, z = (in_camera_m / distance_m[:, None, None]).transpose(3, 0, 1, 2)
+    by_number[..., 0, 1], by_number[..., 0, 2] = z, -y
+    by_number[..., 1, 0], by_number[..., 1, 2] = -z, x
+    by_number[..., 2, 0], by_number[..., 2, 1] = y, -x
+    by_number[..., 3:] = np.eye(3)
+    return R.swapaxes(1, 2)[:, None] @ by_number

@@ -19,7 +19,7 @@ from fgpose.estimation.covariances.detection_errors import (
     products_of_others,
     share_of_visible,
 )
-from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, CameraMoves, MoveSums, without_move
+from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, CameraMoves, JointMoves, MoveSums, without_move
 from fgpose.estimation.covariances.variance_components import MOST_FRAMES, ErrorComponents
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import MEMORY_S
@@ -64,7 +64,8 @@ class RunningErrors:
         tells_others = self._since_others_s >= _OTHERS_EVERY_S
         if tells_others:
             good = accepted(jacobian, evidence.weights)
-            moves = CameraMoves.of(residual, jacobian, good, positions_m[None], rig).sums(slice(None))
+            joints = JointMoves.of(jacobian, good, positions_m[None], rig)
+            moves = CameraMoves.of(residual, joints).sums(slice(None))
             self._moves = moves.plus(self._moves, float(np.exp(-self._since_others_s / MOVE_MEMORY_S)))
             self._moved = self._moves.most_likely()
         residual = without_move(residual, jacobian, positions_m[None], self._moved, rig)
@@ -88,9 +89,9 @@ class RunningErrors:
         """Covariance of the joints of a frame because a camera may have moved."""
         if np.trace(self.moments_m2, axis1=-2, axis2=-1).max() < _LEAST_MOMENT_M2:
             return np.zeros((self._n_joints, 3, 3))
-        residual, jacobian = _whitened(evidence, positions_m, rig)
-        moves = CameraMoves.of(residual, jacobian, accepted(jacobian, evidence.weights), positions_m[None], rig)
-        return evidence.bias_share[0, :, None, None] * moves.covariance_m2(self.moments_m2, slice(None))[0]
+        _, jacobian = _whitened(evidence, positions_m, rig)
+        joints = JointMoves.of(jacobian, accepted(jacobian, evidence.weights), positions_m[None], rig)
+        return evidence.bias_share[0, :, None, None] * joints.covariance_m2(self.moments_m2, slice(None))[0]
 
     def _add_later(self, parity: Parity, keep: float) -> None:
         """Products with the frames before; the lags are by the step of the first."""

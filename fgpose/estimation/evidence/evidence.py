@@ -194,7 +194,7 @@ class Evidence:
         if not known.any():
             return self
         own = self if self.views_m.shape[1] else self._with_views(rig.n_cameras)
-        rays = points_m - np.array([camera.position_m for camera in rig.cameras])[:, None]
+        rays = points_m - rig.positions_m[:, None]
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         return replace(
             own,

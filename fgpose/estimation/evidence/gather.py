@@ -170,7 +170,7 @@ def _depths(
     config: DepthConfig,
 ) -> tuple[Float[np.ndarray, "frame camera joint 3"], Float[np.ndarray, "frame camera joint"]]:
     """Evidence.rays and depth_sigma_m of these observations with per-view 3D."""
-    position_m = np.array([camera.position_m for camera in rig.cameras])[:, None]
+    position_m = rig.positions_m[:, None]
     depth = ViewDepth.of(views_m, observations.covariance3d_m2, position_m)
     rays, distance_m, sigma_m = depth.rays, depth.distance_m, depth.sigma_m
     unstated = np.isnan(sigma_m) & np.isfinite(distance_m)

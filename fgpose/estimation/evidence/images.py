@@ -41,17 +41,17 @@ def fits_better(
     chance.
     """
     moved = np.sum((positions_m - others_m) ** 2, axis=-1) / _MOVED_M**2
-    moved = np.nan_to_num(moved / (1 + moved))
-    return _image_error(positions_m, evidence, rig, config) + moved < _image_error(others_m, evidence, rig, config)
+    error, of_others = _image_errors(np.stack([positions_m, others_m]), evidence, rig, config)
+    return np.asarray(error + np.nan_to_num(moved / (1 + moved)) < of_others)
 
 
-def _image_error(
-    positions_m: Float[np.ndarray, "joint 3"], evidence: Evidence, rig: CameraRig, config: ProjectionConfig
-) -> Float[np.ndarray, " joint"]:
+def _image_errors(
+    positions_m: Float[np.ndarray, "pose joint 3"], evidence: Evidence, rig: CameraRig, config: ProjectionConfig
+) -> Float[np.ndarray, "pose joint"]:
     """Robust (Geman-McClure) reprojection error per joint, in units of the kernel's scale; inf without a point."""
-    scale_px = evidence.sigma_px[0] * config.kernel_scale
-    squared = np.sum((rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
+    scale_px = evidence.sigma_px * config.kernel_scale
+    squared = np.sum((rig.project(positions_m) - evidence.undistorted_px) ** 2, axis=-1) / scale_px**2
     # A point behind a camera that sees the joint has no image there: as bad as the farthest outlier.
     robust = np.where(np.isfinite(squared), squared / (1 + squared), 1.0)
-    error = np.sum(np.where(evidence.detected[0], evidence.weights[0] * robust, 0.0), axis=0)
+    error = np.sum(np.where(evidence.detected, evidence.weights * robust, 0.0), axis=1)
     return np.where(np.isfinite(positions_m).all(axis=-1), error, np.inf)

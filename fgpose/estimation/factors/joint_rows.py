@@ -56,6 +56,11 @@ class JointRows(ABC):
         self, state: BatchState
     ) -> tuple[Float[np.ndarray, "frame row"], tuple[Float[np.ndarray, "frame row _"], ...]]:
         """Residual and its Jacobians in sigmas; zero where a row is not present."""
+        return state.evaluated(self, self._whitened)
+
+    def _whitened(
+        self, state: BatchState
+    ) -> tuple[Float[np.ndarray, "frame row"], tuple[Float[np.ndarray, "frame row _"], ...]]:
         positions_m = state.joints[:, 0]
         residual_m, jacobians = self.residual([positions_m[:, slots] for slots in self.slots], state.lengths_m)
         weight = (self.present / self.sigma_m)[..., None]

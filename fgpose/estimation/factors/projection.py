@@ -70,20 +70,24 @@ class Projections:
                 yield projection_factor(keys.position(frame, slot), measured_px[frame, slot], noise, camera.gtsam)
 
     def error(self, state: BatchState) -> float:
-        residual_px, _ = self._projected(state.joints[:, 0])
+        residual_px, _ = self._at(state)
         return float(robust_loss(self._squared(residual_px), self.kernel, self.kernel_scale).sum())
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
-        residual_px, jacobian = self._projected(state.joints[:, 0])
+        residual_px, jacobian = self._at(state)
         pull = (self._precision * self._weight(residual_px))[:, None] * residual_px
         gradient.joints[:, 0] += self._by_frame(np.einsum("cian,cin->an", jacobian, pull))
 
     def add_information(self, information: Information, state: BatchState) -> None:
-        information.single_positions[:] += self.information(state.joints[:, 0])
+        information.single_positions[:] += self._information(*self._at(state))
 
     def information(self, positions_m: Float[np.ndarray, "frame slot 3"]) -> Float[np.ndarray, "frame slot 3 3"]:
         """On each position, 1/m^2."""
-        residual_px, jacobian = self._projected(positions_m)
+        return self._information(*self._projected(positions_m))
+
+    def _information(
+        self, residual_px: Float[np.ndarray, "camera 2 point"], jacobian: Float[np.ndarray, "camera 2 3 point"]
+    ) -> Float[np.ndarray, "frame slot 3 3"]:
         weighted = (self._precision * self._weight(residual_px))[:, None, None] * jacobian
         return self._by_frame(np.einsum("cian,cibn->abn", weighted, jacobian))
 
@@ -120,6 +124,11 @@ class Projections:
 
     def _weight(self, residual_px: Float[np.ndarray, "camera 2 point"]) -> Float[np.ndarray, "camera point"]:
         return robust_weight(self._squared(residual_px), self.kernel, self.kernel_scale)
+
+    def _at(
+        self, state: BatchState
+    ) -> tuple[Float[np.ndarray, "camera 2 point"], Float[np.ndarray, "camera 2 3 point"]]:
+        return state.evaluated(self, lambda state: self._projected(state.joints[:, 0]))
 
     def _projected(
         self, positions_m: Float[np.ndarray, "frame slot 3"]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar, cast
 
 import numpy as np
 from jaxtyping import Float, Int
+
+Evaluation = TypeVar("Evaluation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +19,13 @@ class BatchState:
     joints: Float[np.ndarray, "frame kind joint 3"]
     """Positions in m and, with constant velocity, velocities in m/s."""
     lengths_m: Float[np.ndarray, " length"]
+    _evaluations: dict[object, object] = field(default_factory=dict, init=False, repr=False)
+
+    def evaluated(self, factors: object, evaluate: Callable[[BatchState], Evaluation]) -> Evaluation:
+        """What these factors are here, evaluated once: error, gradient and information of a state all ask for it."""
+        if factors not in self._evaluations:
+            self._evaluations[factors] = evaluate(self)
+        return cast(Evaluation, self._evaluations[factors])
 
 
 class Information:

@@ -50,11 +50,10 @@ class Prediction:
         for last_s, which in ((self._seen_s, seen), (self._triangulated_s, triangulated)):
             last_s[which] = np.maximum(last_s[which], state.at.time_s)
 
-    def learn(self, oldest: FrameState, rig: CameraRig) -> None:
-        """How rough motion is, from a frame that is one lag old."""
+    def learn(self, oldest: FrameState, information: Float[np.ndarray, " joint"]) -> None:
+        """How rough motion is, from a frame that is one lag old, with the information of its detections."""
         if is_adaptive(self._config.motion):
             velocities_mps = np.where(oldest.active[:, None], oldest.velocities_mps, np.nan)
-            information = oldest.evidence.information(oldest.positions_m[None], rig)[0]
             self._density.add(oldest.at.time_s, velocities_mps, information)
 
     def frame(

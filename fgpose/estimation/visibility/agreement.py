@@ -88,15 +88,9 @@ class Agreement:
         return Agreement(np.where(residuals.seen, log_odds + residuals.prior_log_odds, 0.0), off_path_m)
 
 
-def is_doubtful(
-    positions_m: Float[np.ndarray, "joint 3"],
-    undistorted_px: Float[np.ndarray, "camera joint 2"],
-    spread_m: Float[np.ndarray, " camera"],
-    rig: CameraRig,
-) -> bool:
-    """Whether two detections of some joint are off these positions."""
-    length_m = np.linalg.norm(rig.project(positions_m) - undistorted_px, axis=-1) / rig.px_per_m(positions_m)
-    return bool(_are_off(np.isfinite(length_m), np.nan_to_num(length_m), spread_m[:, None]).any())
+def is_doubtful(length_m: Float[np.ndarray, "camera joint"], spread_m: Float[np.ndarray, " camera"]) -> bool:
+    """Whether two detections of some joint are so far from it; NaN: nothing was detected."""
+    return bool(_are_off(np.isfinite(length_m), length_m, spread_m[:, None]).any())
 
 
 def _are_off(seen: np.ndarray, length_m: np.ndarray, spread_m: np.ndarray) -> Bool[np.ndarray, "*frame joint"]:

@@ -100,10 +100,10 @@ class DetectionResiduals:
         """Of the detections as they were when the pose was found: the smaller the standard deviation of a camera was
         there, the more the pose follows that camera, and the less its residuals tell."""
         residual_px, jacobian, seen = linearized_projection(evidence.undistorted_px, rig, positions_m)
-        px_per_m = np.where(seen, rig.px_per_m(positions_m), 1.0)
-        length_m = np.linalg.norm(residual_px, axis=-1) / px_per_m
-        weights, projection = evidence.weights, config.projection
-        squared = (np.linalg.norm(residual_px, axis=-1) / evidence.detection_sigma_px) ** 2
+        # See CameraRig.px_per_m: of each axis of the image, the length of the Jacobian's row.
+        px_per_m = np.where(seen, np.sqrt(np.einsum("tcjia,tcjia->tcj", jacobian, jacobian) / 2), 1.0)
+        length_px, weights, projection = np.linalg.norm(residual_px, axis=-1), evidence.weights, config.projection
+        squared = (length_px / evidence.detection_sigma_px) ** 2
         kernel = robust_weight(squared, projection.kernel, projection.kernel_scale)
         information = np.where(seen, kernel / evidence.detection_sigma_px**2, 0.0)
         # As if the frames nearby had the same weights: their errors are correlated, and only the ratios count.
@@ -118,7 +118,7 @@ class DetectionResiduals:
             redundancy=np.trace(others.left, axis1=-2, axis2=-1) / 2,
             predictive_px=others.residual_px,
             predictive_px2=others.covariance_px2,
-            length_m=length_m,
+            length_m=length_px / px_per_m,
             log_occam=0.5 * np.linalg.slogdet(others.covariance_m2 / predicted_m**2)[1],
         )
 
@@ -197,6 +197,15 @@ class DetectionResiduals:
         density = np.nan_to_num(np.exp(distance_px2 / (-4 * spread_px[..., None] ** 2)))
         density = np.einsum("tcjk,jk->tcj", density, _share_of_others(skeleton))
         return np.log(np.maximum(density, np.finfo(float).tiny)) - np.log(2 * spread_px**2)
+
+
+def lengths_m(
+    evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
+) -> tuple[Float[np.ndarray, "camera joint"], Float[np.ndarray, "camera joint"]]:
+    """Of the residuals of a frame against a pose, at the joints; and the scales of the images there. NaN where they are
+    not known."""
+    px_per_m = rig.px_per_m(positions_m)
+    return np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px[0], axis=-1) / px_per_m, px_per_m
 
 
 def without_own(

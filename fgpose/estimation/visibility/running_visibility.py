@@ -16,6 +16,7 @@ from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
 from fgpose.estimation.visibility.detection_residuals import (
     PRIOR_MEASUREMENTS_OF_CAMERA,
     DetectionResiduals,
+    lengths_m,
 )
 from fgpose.estimation.visibility.visibility import (
     RESIDUALS_CORRELATED_S,
@@ -226,7 +227,7 @@ class RunningVisibility:
             return evidence
         probability = np.where(is_own[:, None], filtered.probability, judged.visibility[0])
         since_s = np.full((len(probability), 1), max(filtered.time_s - before.time_s, TIME_ROUNDING_S))
-        return self._with_probability(probability[None], evidence, positions_m, rig, since_s)
+        return self._with_probability(probability, evidence, *lengths_m(evidence, positions_m, rig), since_s)
 
     def predicted(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> Evidence:
         """The evidence of the next frame, or of the newest that another image joins, with what is known of it before
@@ -242,24 +243,22 @@ class RunningVisibility:
         before = self._known_before(evidence)
         since_s = before.since_s(evidence)
         probability = self._chain.predicted(before.probability, since_s)
-        if is_doubtful(positions_m, evidence.undistorted_px[0], self._spread_m, rig):
+        length_m, px_per_m = lengths_m(evidence, positions_m, rig)
+        if is_doubtful(length_m, self._spread_m):
             residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
             said = self._said(residuals, self._spread_m[None, :, None], rig)
             is_off = np.isfinite(said.off_path_m[0]).all(axis=-1)
             probability = np.where(is_off, self._chain.updated(probability, said.log_odds[0]), probability)
             evidence = replace(evidence, off_path_m=said.off_path_m)
-        return self._with_probability(probability[None], evidence, positions_m, rig, since_s)
+        return self._with_probability(probability, evidence, length_m, px_per_m, since_s)
 
     def _with_probability(
         self,
-        probability: Float[np.ndarray, "1 camera joint"],
+        probability: Float[np.ndarray, "camera joint"],
         evidence: Evidence,
-        positions_m: Float[np.ndarray, "joint 3"],
-        rig: CameraRig,
+        length_m: Float[np.ndarray, "camera joint"],
+        px_per_m: Float[np.ndarray, "camera joint"],
         since_s: Float[np.ndarray, "camera 1"],
     ) -> Evidence:
-        px_per_m = rig.px_per_m(positions_m)[None]
-        length_m = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1) / px_per_m
-        return with_visibility(
-            evidence, length_m, px_per_m, self._spread_m, probability, since_s, self._config.visibility
-        )
+        of_frame, priors = (length_m[None], px_per_m[None]), self._config.visibility
+        return with_visibility(evidence, *of_frame, self._spread_m, probability[None], since_s, priors)

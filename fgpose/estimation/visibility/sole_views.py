@@ -207,7 +207,7 @@ class _Views:
         px_per_m = rig.px_per_m(positions_m)
         rays = np.where((evidence.believed & np.isfinite(px_per_m))[..., None], np.stack(rays, axis=1), np.nan)
         sigma_m = evidence.detection_sigma_px / px_per_m
-        offsets_m = positions_m[:, None] - np.array([camera.position_m for camera in rig.cameras])[:, None]
+        offsets_m = positions_m[:, None] - rig.positions_m[:, None]
         determined, distance_m = evidence.observed[:, None], np.linalg.norm(offsets_m, axis=-1)
         known = np.isfinite(positions_m).all(axis=-1).sum(axis=1)[:, None, None]
         middle_m = np.nansum(offsets_m, axis=2) / np.maximum(known, 1)
@@ -282,5 +282,5 @@ def _on_rays(
 ) -> Float[np.ndarray, "frame camera joint 3"]:
     """Points at these distances from the cameras; NaN where one is not positive."""
     distance_m = np.where(distance_m > 0, distance_m, np.nan)
-    origins_m = np.array([camera.position_m for camera in rig.cameras])[:, None]
+    origins_m = rig.positions_m[:, None]
     return origins_m + distance_m[..., None] * rays

@@ -146,7 +146,7 @@ def _check_plausible(rig: CameraRig, unit: str) -> None:
             f"camera {farthest.name} is {np.linalg.norm(farthest.position_m):.0f} m from the origin, the rig measures "
             f"{extent_m:.0f} m: {advice}"
         )
-    centres = np.stack([camera.position_m for camera in rig.cameras])
+    centres = rig.positions_m
     spread_m = float(np.linalg.norm(centres - centres[0], axis=-1).max())
     if unit == "mm" and rig.n_cameras > 1 and spread_m < _MIN_PLAUSIBLE_M:
         raise ValueError(

@@ -89,7 +89,7 @@ def volume_points_m(rig: CameraRig, volume: Volume | None = None) -> Float[np.nd
 
 def _focus_m(rig: CameraRig) -> Float[np.ndarray, " 3"]:
     """Where the optical axes come nearest to each other, in the world frame."""
-    position_m = np.stack([camera.position_m for camera in rig.cameras])
+    position_m = rig.positions_m
     axis = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
     across = np.eye(3) - axis[:, :, None] * axis[:, None]
     if np.linalg.eigvalsh(across.mean(axis=0))[0] < _PARALLEL:

@@ -42,7 +42,7 @@ def _view(recording: FinishedRecording, axes: tuple[int, int]) -> Figure:
     is_plan = axes == _PLAN
     x_label, y_label = (f"{'xyz'[axis]} / m" for axis in axes)
     plot = plain_figure(x_label, y_label, _HEIGHT_PX, match_aspect=True)
-    reach_m = 0.25 * max(np.ptp([camera.position_m for camera in rig.cameras], axis=0).max(), 1.0)
+    reach_m = 0.25 * max(np.ptp(rig.positions_m, axis=0).max(), 1.0)
     if is_plan:
         _covered(plot, recording)
     else:
@@ -58,7 +58,7 @@ def _view(recording: FinishedRecording, axes: tuple[int, int]) -> Figure:
             plot.line(ends[:, axes[0]], ends[:, axes[1]], color="#8a8f98", line_width=1)
         loop = [*corners_m, corners_m[0]]
         plot.line([p[axes[0]] for p in loop], [p[axes[1]] for p in loop], color="#8a8f98", line_width=1)
-    places_m = np.array([camera.position_m for camera in rig.cameras])
+    places_m = rig.positions_m
     x, y = places_m[:, axes[0]], places_m[:, axes[1]]
     # Names stand inside of the figure.
     is_right = x > (x.min() + x.max()) / 2
@@ -88,7 +88,7 @@ def _covered(plot: Figure, recording: FinishedRecording) -> None:
     rig = recording.rig
     assert rig is not None
     ways_m = np.concatenate([root_m(trajectory) for trajectory in recording.people.values()])
-    places_m = np.array([camera.position_m for camera in rig.cameras])
+    places_m = rig.positions_m
     everything_m = np.concatenate([places_m, ways_m[np.isfinite(ways_m).all(axis=1)]])
     low, high = everything_m.min(axis=0) - 0.3, everything_m.max(axis=0) + 0.3
     grid = np.empty((_CELLS, _CELLS, 3))

@@ -49,7 +49,7 @@ def frustum_m(rig: CameraRig) -> float:
 def viewing_target_m(rig: CameraRig) -> Float[np.ndarray, " 3"]:
     """Where the cameras look: the point nearest to all optical axes, with a weak prior at a point in front of them."""
     forward = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
-    position_m = np.stack([camera.position_m for camera in rig.cameras])
+    position_m = rig.positions_m
     ahead_m = (position_m + _DEFAULT_DISTANCE_M * forward).mean(axis=0)
     across = np.eye(3) - forward[:, :, None] * forward[:, None]
     # The prior determines the depth where there is one camera, or where all are parallel.

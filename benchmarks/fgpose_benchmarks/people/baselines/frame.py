@@ -56,7 +56,7 @@ class Frame:
     ) -> tuple[Float[np.ndarray, "pair joint 3"], Float[np.ndarray, "pair joint"]]:
         """Where the rays of both detections are nearest to each other, and how near; NaN where one has no joint."""
         rays = np.stack([camera.ray(own) for camera, own in zip(self.cameras.cameras, self.points_px, strict=True)])
-        eyes_m = np.stack([camera.position_m for camera in self.cameras.cameras])
+        eyes_m = self.cameras.positions_m
         (camera_a, detection_a), (camera_b, detection_b) = pairs[:, 0].T, pairs[:, 1].T
         a, b = rays[camera_a, detection_a], rays[camera_b, detection_b]
         return meeting(eyes_m[camera_a], a, eyes_m[camera_b], b)

@@ -58,7 +58,7 @@ def _start(rig: CameraRig, onto: CameraRig) -> Similarity:
     pairs = zip(rig.cameras, onto.cameras, strict=True)
     turns = sum((new.world_T_camera[:3, :3] @ old.world_T_camera[:3, :3].T for old, new in pairs), np.zeros((3, 3)))
     R = np.array(gtsam.Rot3.ClosestTo(turns).matrix())
-    before, after = _positions(rig) @ R.T, _positions(onto)
+    before, after = rig.positions_m @ R.T, _positions(onto)
     centre_before, centre_after = before.mean(axis=0), after.mean(axis=0)
     square = float(np.sum((before - centre_before) ** 2))
     scale = float(np.sum((before - centre_before) * (after - centre_after))) / square if square > 0 else 1.0
@@ -76,7 +76,7 @@ def _moved(similarity: Similarity, step: Float[np.ndarray, " 7"], centre: Float[
 
 def _errors(rig: CameraRig, similarity: Similarity, onto: CameraRig) -> Float[np.ndarray, "camera 6"]:
     """Of the moved rig."""
-    errors, positions = np.empty((rig.n_cameras, 6)), similarity.of(_positions(rig))
+    errors, positions = np.empty((rig.n_cameras, 6)), similarity.of(rig.positions_m)
     for c, (camera, true) in enumerate(zip(rig.cameras, onto.cameras, strict=True)):
         R = true.world_T_camera[:3, :3]
         turn = R.T @ similarity.R @ camera.world_T_camera[:3, :3]
@@ -98,13 +98,9 @@ def _generators(rig: CameraRig) -> Float[np.ndarray, "error 7"]:
 
 
 def _weights(rig: CameraRig) -> Float[np.ndarray, " error"]:
-    size = float(np.sqrt(np.mean(np.sum((_positions(rig) - _centre(rig)) ** 2, axis=1))))
+    size = float(np.sqrt(np.mean(np.sum((rig.positions_m - _centre(rig)) ** 2, axis=1))))
     return np.tile(np.repeat([1.0, 1.0 / size if size > 0 else 1.0], 3), rig.n_cameras)
 
 
-def _positions(rig: CameraRig) -> Float[np.ndarray, "camera 3"]:
-    return np.stack([camera.position_m for camera in rig.cameras])
-
-
 def _centre(rig: CameraRig) -> Float[np.ndarray, " 3"]:
-    return _positions(rig).mean(axis=0)
+    return rig.positions_m.mean(axis=0)
