@@ -1,6 +1,6 @@
 """Long runs in a process of their own, so that nothing else counts in their memory.
 
-``python isolated.py batch|online RECORDING.npz`` prints one JSON object. RECORDING is of the scenario of this folder.
+``python isolated.py batch|isam2|window RECORDING.npz`` prints one JSON object. RECORDING is of the scenario of this folder.
 """
 
 from __future__ import annotations
@@ -9,8 +9,9 @@ import json
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -24,7 +25,12 @@ _SHORT_FRAMES = 300
 _SHORT_RUNS = 3
 
 
-def run_isolated(task: Literal["batch", "online"], observations: fgpose.Observations) -> dict[str, Any]:
+Solver = Literal["isam2", "window"]
+Task = Literal["batch"] | Solver
+"""In batch, or online by one of the solvers."""
+
+
+def run_isolated(task: Task, observations: fgpose.Observations) -> dict[str, Any]:
     """The numbers of a task on a recording, measured in a fresh process."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "recording.npz"
@@ -55,9 +61,10 @@ def batch(observations: fgpose.Observations) -> dict[str, Any]:
     }
 
 
-def online(observations: fgpose.Observations) -> dict[str, Any]:
+def online(observations: fgpose.Observations, solver: Solver) -> dict[str, Any]:
     """Every frame as if live; time and memory after each."""
-    estimator = fgpose.Estimator(ring_rig(), observations.skeleton)
+    config = fgpose.Config(online={"solver": solver})
+    estimator = fgpose.Estimator(ring_rig(), observations.skeleton, config)
     wall_ms, cpu_ms, resident_mb = [], [], []
     for index in range(observations.n_frames):
         frame = observations.frames(slice(index, index + 1))
@@ -70,8 +77,8 @@ def online(observations: fgpose.Observations) -> dict[str, Any]:
 
 def _main(task: str, path: str) -> None:
     observations = fgpose.load_observations(path, ring_rig(), "h36m_17")
-    result = {"batch": batch, "online": online}[task](observations)
-    print(json.dumps(result))
+    online_by = {solver: partial(online, solver=solver) for solver in get_args(Solver)}
+    print(json.dumps({"batch": batch, **online_by}[task](observations)))
 
 
 if __name__ == "__main__":

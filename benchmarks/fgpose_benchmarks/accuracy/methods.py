@@ -171,13 +171,12 @@ def _newest(recording: BenchmarkRecording) -> MethodResult:
     return MethodResult(np.stack([estimate.positions_m for estimate in estimates]), np.stack(covariances_m2), np.nan)
 
 
-def _lagged(lag_s: float, recording: BenchmarkRecording) -> MethodResult:
+def _lagged(online: OnlineConfig, recording: BenchmarkRecording) -> MethodResult:
     """The pose at the time of each frame as it is estimated one lag later. Empty frames follow the recording, so that
     its last frames too are estimated one lag later."""
-    config = Config(online=OnlineConfig(lag_s=lag_s, covariance=False))
-    estimator = Estimator(recording.rig, recording.observations.skeleton, config)
+    estimator = Estimator(recording.rig, recording.observations.skeleton, Config(online=online))
     positions_m = np.full_like(recording.truth_m, np.nan)
-    for frame in [*recording.observations, *empty_frames(recording, lag_s)]:
+    for frame in [*recording.observations, *empty_frames(recording, online.lag_s)]:
         estimate = estimator.update(frame)
         if estimate.smoothed is not None and estimate.smoothed.frame < len(positions_m):
             positions_m[estimate.smoothed.frame] = estimate.smoothed.positions_m
@@ -198,11 +197,16 @@ def batch(name: str, config: Config) -> Method:
     return Method(name, "ours", _Timed(partial(_batch, config)))
 
 
+def _online(name: str, config: OnlineConfig) -> Method:
+    return Method(name, "ours", _Timed(partial(_lagged, config)))
+
+
 OURS = (
     batch("fgpose per frame", Config(motion=MotionConfig(model="none"), solver=_POSITIONS_ONLY)),
     Method("fgpose online, lag 0", "ours", _Timed(_newest)),
-    Method("fgpose online, lag 0.2 s", "ours", _Timed(partial(_lagged, 0.2))),
-    Method("fgpose online, lag 0.5 s", "ours", _Timed(partial(_lagged, 0.5))),
+    _online("fgpose online, lag 0.2 s", OnlineConfig(lag_s=0.2, covariance=False)),
+    _online("fgpose online by window, lag 0.2 s", OnlineConfig(lag_s=0.2, covariance=False, solver="window")),
+    _online("fgpose online, lag 0.5 s", OnlineConfig(lag_s=0.5, covariance=False)),
     batch("fgpose batch", Config()),
     Method("fgpose batch, time offsets", "ours", _Timed(_synchronised)),
     Method("fgpose batch, self-calibrated", "ours", _Timed(_self_calibrated)),

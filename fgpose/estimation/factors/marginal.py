@@ -40,4 +40,5 @@ class Marginals:
         information.frames[0] += self.information
 
     def _pull(self, off: Float[np.ndarray, "kind slot 3"]) -> Float[np.ndarray, "kind slot 3"]:
-        return np.einsum("jakibl,lib->kja", self.information, off)
+        pull = self.information.reshape(off.size, off.size) @ off.transpose(1, 2, 0).ravel()
+        return pull.reshape(*off.shape[1:], -1).transpose(2, 0, 1)

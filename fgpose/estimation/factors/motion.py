@@ -101,7 +101,7 @@ class Motions:
 
     def _unpredicted(self, state: BatchState) -> Float[np.ndarray, "step kind slot 3"]:
         """The residual, x_{t+1} - F_t x_t."""
-        return state.joints[1:] - _by_kind(self.transition, state.joints[:-1])
+        return state.evaluated(self, lambda state: state.joints[1:] - _by_kind(self.transition, state.joints[:-1]))
 
     def _weighted(self, matrices: np.ndarray, unpredicted: np.ndarray) -> Float[np.ndarray, "step kind slot 3"]:
         return self.strength[:, None, :, None] * _by_kind(matrices, unpredicted)

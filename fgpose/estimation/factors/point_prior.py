@@ -39,7 +39,9 @@ class PointPriors:
         """Information times residual, and the squared whitened residual."""
         return state.evaluated(self, self._evaluated)
 
-    def _evaluated(self, state: BatchState) -> tuple[Float[np.ndarray, "frame slot 3"], Float[np.ndarray, "frame slot"]]:
+    def _evaluated(
+        self, state: BatchState
+    ) -> tuple[Float[np.ndarray, "frame slot 3"], Float[np.ndarray, "frame slot"]]:
         residual_m = state.joints[:, 0] - self.positions_m
         pull = np.einsum("tjik,tjk->tji", self.information, residual_m)
         # Of an information that is nearly singular rounding may make it negative, which no kernel takes.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -21,7 +21,6 @@ from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.forward_pass import Conditional, ForwardPass
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations, position_blocks
-from fgpose.estimation.visibility.visibility import RESIDUALS_CORRELATED_S
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import TIME_ROUNDING_S
 
@@ -63,8 +62,8 @@ class WindowEquations:
         config: all parameters.
     """
 
-    revised_every_s = 2 * RESIDUALS_CORRELATED_S
-    """Sooner, images tell hardly anything new of what they show."""
+    revised_every_s = 0.1
+    """At 0.04 s, when images tell anything new of what they show, the errors on the tuning clips are the same."""
     repairs = 0
     """Nothing is repaired: a step that LAPACK refuses is damped."""
 
@@ -72,6 +71,7 @@ class WindowEquations:
         self._lengths, self._config = lengths, config
         self._eliminated: deque[_Eliminated] = deque()
         self._frames: deque[FrameState] = deque()
+        self._poses: deque[Float[np.ndarray, "kind joint 3"]] = deque()  # of those
         self._marginal: Marginal | None = None  # of all frames before those
         self._solved: _Solved | None = None  # None where no joint is estimated
 
@@ -79,6 +79,7 @@ class WindowEquations:
         """Take the newest frame, and change others in the same update."""
         self._change(changes)
         self._frames.append(state)
+        self._poses.append(self._pose(state))
         self._solve(rig)
 
     def replace(
@@ -107,13 +108,12 @@ class WindowEquations:
     def read(self, state: FrameState) -> FrameState:
         """The state with the estimated values in place of the guesses."""
         n_before = self._frames[0].at.frame - state.at.frame
-        if n_before <= 0:
-            own = self._frames[-n_before]
-            return replace(state, positions_m=own.positions_m, velocities_mps=own.velocities_mps)
-        pose = self._pose(self._frames[0])
-        for each in islice(reversed(self._eliminated), n_before):
+        pose = self._poses[max(-n_before, 0)]
+        for each in islice(reversed(self._eliminated), max(n_before, 0)):
             pose = each.conditional.given(pose)
-        return _posed(state, pose)
+        is_active = state.active[:, None]
+        velocities_mps = np.where(is_active, pose[1], 0.0) if len(pose) > 1 else np.zeros_like(pose[0])
+        return replace(state, positions_m=np.where(is_active, pose[0], np.nan), velocities_mps=velocities_mps)
 
     def covariances_m2(self, newest: FrameState) -> Float[np.ndarray, "active_joint 3 3"]:
         """Marginal covariance of each position of the newest frame."""
@@ -136,7 +136,8 @@ class WindowEquations:
         """Take the evidence of frames."""
         while changes and min(changes) < len(self._eliminated):
             again = self._eliminated.pop()
-            self._frames.appendleft(_posed(again.state, again.conditional.given(self._pose(self._frames[0]))))
+            self._frames.appendleft(again.state)
+            self._poses.appendleft(again.conditional.given(self._poses[0]))
             self._marginal = again.marginal
         for at, state in changes.items():
             number = at - len(self._eliminated)
@@ -146,38 +147,41 @@ class WindowEquations:
         """Estimate these joints of a frame, from these positions on."""
         number = at - len(self._eliminated)
         state = self._frames[number]
-        positions_m = np.where(joints[:, None], positions_m, state.positions_m)
-        self._frames[number] = replace(state, positions_m=positions_m, active=state.active | joints)
+        self._frames[number] = replace(state, active=state.active | joints)
+        self._poses[number] = self._poses[number].copy()
+        self._poses[number][0, joints] = positions_m[joints]
 
     def _solve(self, rig: CameraRig) -> None:
         self._rig = rig
-        segment, self._solved = self._segment(self._frames), None
+        poses = np.stack(self._poses)
+        segment, self._solved = self._segment(poses[:, 0]), None
         if segment.active.any():
             with one_blas_thread():
                 problem = NormalEquations(segment)
-                search = Search(problem, problem.at(self._poses(self._frames)))
+                search = Search(problem, problem.at(poses))
                 for _ in range(_STEPS):
                     size = search.descend()
                     if size is None or size < problem.step_tolerance:
                         break
                 self._solved = _Solved(problem, search)
-            self._frames = deque(map(_posed, self._frames, problem.poses(search.state)))
+            self._poses = deque(problem.poses(search.state))
         newest_s = self._frames[-1].at.time_s
         while self._frames[0].at.time_s < newest_s - REVISED_S - TIME_ROUNDING_S:
             self._eliminate()
 
     def _eliminate(self) -> None:
         """Of the frames that are solved, the first."""
-        state, marginal = self._frames.popleft(), self._marginal
+        state, pose, marginal = self._frames.popleft(), self._poses.popleft(), self._marginal
         if self._solved is None:
-            self._marginal, conditional = None, Conditional.of_nobody(self._pose(state))
+            self._marginal, conditional = None, Conditional.of_nobody(pose)
         else:
             with one_blas_thread():
                 self._marginal, conditional = self._solved.forward.eliminate()
         self._eliminated.append(_Eliminated(state, marginal, conditional))
 
-    def _segment(self, frames: Sequence[FrameState]) -> Segment:
-        first = frames[0]
+    def _segment(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Segment:
+        """Of the frames that are solved, from these positions on."""
+        frames, first = self._frames, self._frames[0]
         before = None if self._marginal is None else Predecessor(first.at.time_s - first.step_s, first.linked)
         return Segment(
             rig=self._rig,
@@ -189,7 +193,7 @@ class WindowEquations:
             length_sigma_m=self._lengths.sigma_m,
             process_density=np.stack([state.process_density for state in frames]),
             lengths_known=True,
-            initial_m=np.stack([state.positions_m for state in frames]),
+            initial_m=positions_m,
             before=before,
             marginal=self._marginal,
             linked=np.stack([state.linked for state in frames]),
@@ -200,16 +204,6 @@ class WindowEquations:
         kinds = [state.positions_m, state.velocities_mps]
         pose = np.stack(kinds if self._config.motion.model == "constant_velocity" else kinds[:1])
         return np.where(state.active[:, None], pose, 0.0)
-
-    def _poses(self, frames: Iterable[FrameState]) -> Float[np.ndarray, "frame kind joint 3"]:
-        return np.stack([self._pose(state) for state in frames])
-
-
-def _posed(state: FrameState, pose: Float[np.ndarray, "kind joint 3"]) -> FrameState:
-    """The state with this pose."""
-    is_active = state.active[:, None]
-    velocities_mps = np.where(is_active, pose[1], 0.0) if len(pose) > 1 else np.zeros_like(pose[0])
-    return replace(state, positions_m=np.where(is_active, pose[0], np.nan), velocities_mps=velocities_mps)
 
 
 def _of_positions(
