@@ -297,7 +297,9 @@ class Follower:
                 if now_s - younger.near_s[elder.number] > _ONE_BODY_S:
                     if younger.is_confirmed:
                         self.person_of_track[younger.number] = elder.person
-                        self._note(now_s, younger, "merged", f"at the place of {elder.person}", elder.person)
+                        # A number from before an absence meant somebody then, whoever this is.
+                        became = None if younger.is_recognised else elder.person
+                        self._note(now_s, younger, "merged", f"at the place of {elder.person}", became)
                     younger.state = TrackState.ENDED
                     break
 

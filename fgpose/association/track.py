@@ -14,8 +14,7 @@ from fgpose.association.pose_filter import PoseFilters
 from fgpose.correspondences import NOBODY
 from fgpose.trajectory import Estimate
 
-# How long after being confirmed somebody may be recognised: by then the lengths of the bones are known as well as they
-# ever will be.
+# How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
 _RECOGNISED_WITHIN_S = 3.0
 
 
