@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from fgpose.assessment.identity import hota, identity_score, share
 from fgpose.assessment.matched_pose import correct_limbs, matched_positions_m, on_another
 from fgpose.assessment.metrics import joint_errors_m, mean_known
 from fgpose.assessment.stays import MIN_STAY_S, Stay, false_tracks_s, matched, stays
+from fgpose.association.track import TrackEvent
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
@@ -103,6 +104,44 @@ class PeopleEvaluation:
         """The stays that did not begin when the recording began, of new people too."""
         start_s = min((stay.begin_s for stay in self.stays), default=0.0)
         return tuple(stay for stay in self.stays if stay.begin_s > start_s)
+
+
+def revised(people: Mapping[int, Trajectory], events: Iterable[TrackEvent]) -> dict[int, Trajectory]:
+    """Everybody by the number that they have in the end: what an online tracker published under a number that it
+    revised later (TrackEvent.became) is that of the person whom it meant.
+
+    Args:
+        people: as they were published.
+        events: of their tracks.
+
+    Returns:
+        The same trajectories; of who was called by several numbers, times, positions and status alone, in the order of
+        time. Where several numbers of one person are there at a time, the last one counts.
+    """
+    became = {event.person: event.became for event in events if event.became is not None}
+    parts: dict[int, list[int]] = {}
+    steps: dict[int, int] = {}
+    for number in people:
+        final, steps[number] = number, 0
+        while final in became:
+            final, steps[number] = became[final], steps[number] + 1
+        parts.setdefault(final, []).append(number)
+    newest_first = {final: sorted(own, key=steps.__getitem__) for final, own in parts.items()}
+    return {
+        final: people[own[0]] if len(own) == 1 else _as_one([people[number] for number in own])
+        for final, own in newest_first.items()
+    }
+
+
+def _as_one(parts: list[Trajectory]) -> Trajectory:
+    """Of one person; of the frames of one time the first counts."""
+    there = [np.isfinite(part.positions_m).all(axis=-1).any(axis=-1) for part in parts]
+    time_s, positions_m, status = (
+        np.concatenate([getattr(part, name)[known] for part, known in zip(parts, there, strict=True)])
+        for name in ("time_s", "positions_m", "status")
+    )
+    time_s, first = np.unique(time_s, return_index=True)
+    return Trajectory(parts[0].skeleton, time_s, positions_m[first], status[first])
 
 
 def evaluate_people(

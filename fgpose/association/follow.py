@@ -126,6 +126,10 @@ class Follower:
         self._age(moment.time_s)
         return [Sighting(image, tracks, matches, c, tuple(begun[image.camera])) for c, image in enumerate(images)]
 
+    def is_provisional(self, track: Track, now_s: float) -> bool:
+        """Whether somebody who is confirmed may still be recognised as one of those who were lost."""
+        return len(self._lost) > 0 and track.may_be_recognised(now_s)
+
     def finish(self) -> None:
         """No image follows: who is tentative is taken for real, for nothing has told against them."""
         for track in self.tracks:
@@ -260,17 +264,19 @@ class Follower:
 
     def _learn(self, now_s: float) -> None:
         confirmed = [track for track in self.tracks if track.is_confirmed]
-        self._lost.room.add([track.middle_m for track in confirmed], now_s)
         for track in confirmed:
             if track.seen_s > now_s - _SAME_MOMENT_S:
                 track.likeness.add(track.pose, now_s)
+        self._lost.learn(confirmed, now_s)
         self._resemblance.learn([track.likeness.looks for track in confirmed], now_s)
 
     def _recognise(self, now_s: float) -> None:
         """Those who have just been confirmed may be somebody who was lost before."""
         new = [track for track in self.tracks if track.is_confirmed and track.may_be_recognised(now_s)]
         for track, person, why in self._lost.recognised(new, now_s):
-            self._note(now_s, track, "recognised", f"as {person}: {why}")
+            self._note(now_s, track, "recognised", f"as {person}: {why}", person)
+            # Who is recognised at once was never called by another number.
+            track.former = track.person if track.confirmed_s < now_s else None
             track.person, track.is_recognised = person, True
             self.person_of_track[track.number] = person
 
@@ -291,12 +297,14 @@ class Follower:
                 if now_s - younger.near_s[elder.number] > _ONE_BODY_S:
                     if younger.is_confirmed:
                         self.person_of_track[younger.number] = elder.person
-                        self._note(now_s, younger, "merged", f"at the place of {elder.person}")
+                        # A number from before an absence meant somebody then, whoever this is.
+                        became = None if younger.is_recognised else elder.person
+                        self._note(now_s, younger, "merged", f"at the place of {elder.person}", became)
                     younger.state = TrackState.ENDED
                     break
 
-    def _note(self, time_s: float, track: Track, what: str, reason: str) -> None:
-        self.events.append(TrackEvent(time_s, track.person, what, reason))
+    def _note(self, time_s: float, track: Track, what: str, reason: str, became: int | None = None) -> None:
+        self.events.append(TrackEvent(time_s, track.person, what, reason, became))
 
 
 def _at_one_place(one: Track, other: Track) -> bool:

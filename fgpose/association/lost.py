@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.identity import RECOGNISED, UNAMBIGUOUS, Passage
+from fgpose.association.identity import RECOGNISED, UNAMBIGUOUS, Builds, Passage
 from fgpose.association.track import Track
 
 # A false track that lasts for less than this share of the time does not make the room larger.
@@ -55,6 +55,7 @@ class Lost:
         self._forget_s = forget_s
         self._people: dict[int, Passage] = {}
         self.room = _Room(forget_s)
+        self.builds = Builds()
 
     def __len__(self) -> int:
         return len(self._people)
@@ -62,6 +63,12 @@ class Lost:
     def add(self, track: Track) -> None:
         """Somebody who is not followed any more."""
         self._people[track.person] = track.passage
+
+    def learn(self, present: Sequence[Track], now_s: float) -> None:
+        """Where people are, and how far their bones differ, from those who are there."""
+        self.room.add([track.middle_m for track in present], now_s)
+        if self.builds.is_due(now_s):
+            self.builds.learn([track.passage for track in present], self._people.values(), now_s)
 
     def recognised(self, new: Sequence[Track], now_s: float) -> list[tuple[Track, int, str]]:
         """Who of these new tracks is somebody who was lost, by number, and why; nobody is two of them.
@@ -75,14 +82,22 @@ class Lost:
             return []
         people, found = list(self._people.items()), []
         area_m2 = self.room.area_m2
-        score = np.array([[before.log_ratio(track.passage, area_m2) for _, before in people] for track in new])
+        ratio = np.array(
+            [[before.log_ratio(track.passage, area_m2, self.builds) for _, before in people] for track in new]
+        )
+        # Against that they are any other who was lost, or somebody new, each as probable as the other beforehand.
+        anew = np.zeros(len(new))
+        score = np.stack(
+            [own - np.logaddexp.reduce([anew, *np.delete(ratio.T, m, axis=0)]) for m, own in enumerate(ratio.T)], axis=1
+        )
         for n, m in zip(*linear_sum_assignment(score, maximize=True), strict=True):
-            others = np.delete(score[n], m)
-            if score[n, m] < RECOGNISED or (len(others) and score[n, m] - others.max() < UNAMBIGUOUS):
+            if score[n, m] < UNAMBIGUOUS:
                 continue
             track, (person, somebody) = new[n], people[m]
             away_s = track.founded_s - somebody.end_s
-            found.append((track, person, f"away for {away_s:.1f} s, log odds of place and bones {score[n, m]:.1f}"))
+            found.append(
+                (track, person, f"away for {away_s:.1f} s, log odds of place, bones and looks {score[n, m]:.1f}")
+            )
             track.likeness.join(somebody.likeness)
             del self._people[person]
         return found
@@ -108,7 +123,7 @@ class Reidentification:
     log_odds: float
 
 
-def links(passages: Mapping[int, Passage], room_m2: float) -> list[Reidentification]:
+def links(passages: Mapping[int, Passage], room_m2: float, builds: Builds | None = None) -> list[Reidentification]:
     """Passages of the same person, in the order of time of the later ones.
 
     A link is made where all others together would explain the recording worse without it, by the odds at which somebody
@@ -117,6 +132,7 @@ def links(passages: Mapping[int, Passage], room_m2: float) -> list[Reidentificat
     Args:
         passages: by number.
         room_m2: area in which people have been.
+        builds: how far the lengths of people differ.
     """
     numbers = list(passages)
     if len(numbers) < 2:
@@ -125,7 +141,7 @@ def links(passages: Mapping[int, Passage], room_m2: float) -> list[Reidentificat
     # A link is worth what it exceeds these odds by; that the next best must be worse by the other factor makes up for
     # the rest.
     least = RECOGNISED - UNAMBIGUOUS
-    worth = np.array([[before.log_ratio(after, room_m2) - least for after in of] for before in of])
+    worth = np.array([[before.log_ratio(after, room_m2, builds) - least for after in of] for before in of])
     total, chosen = _best(worth)
     found = []
     for n, m in chosen:

@@ -137,7 +137,8 @@ def _recognised(
     passages = {track.person: track.passage for track in tracks}
     identity = {person: person for person in person_of_track.values()}
     events = follower.events.copy()
-    for link in links(passages, lost.room.area_m2):
+    lost.builds.learn_between(list(passages.values()))
+    for link in links(passages, lost.room.area_m2, lost.builds):
         identity[link.after] = identity[link.before]
         begin_s = passages[link.after].begin_s
         away_s = begin_s - passages[link.before].end_s

@@ -15,7 +15,7 @@ from fgpose.correspondences import NOBODY
 from fgpose.trajectory import Estimate
 
 # How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
-_RECOGNISED_WITHIN_S = 2.0
+_RECOGNISED_WITHIN_S = 3.0
 
 
 class TrackState(Enum):
@@ -39,6 +39,9 @@ class TrackEvent:
     what: str
     """confirmed, found again, lost, recognised or merged."""
     reason: str
+    became: int | None = None
+    """Of who is recognised or merged: whom the number of person meant all along, by their own number. It is not used
+    again. None: the number has not changed, or the results have the number from the start."""
 
 
 @dataclass(eq=False)
@@ -63,6 +66,8 @@ class Track:
     state: TrackState = TrackState.TENTATIVE
     confirmed_s: float = np.inf
     is_recognised: bool = False
+    former: int | None = None
+    """See Tracked."""
     scored_s: dict[str, float] = field(default_factory=dict)
     """When each camera last told for or against them."""
     near_s: dict[int, float] = field(default_factory=dict)
@@ -97,7 +102,7 @@ class Tracked:
     """Somebody who is in the room, as the tracker gives them."""
 
     person: int
-    """Their number. It changes at most once, when they are recognised as somebody who was here before; see events."""
+    """Their number. It changes at most once, when they are recognised as somebody who was here before; see former."""
     state: TrackState
     """CONFIRMED, or COASTING where no camera detects them at the moment."""
     estimate: Estimate
@@ -105,3 +110,7 @@ class Tracked:
     seen: Mapping[str, tuple[np.ndarray, np.ndarray]]
     """By the camera of each of the newest images that show them: of every joint the number of the detection (or NOBODY)
     and that of its joint there, as in people.Seen."""
+    is_provisional: bool = False
+    """Whether they may still be recognised as somebody who was here before, so that the number may change."""
+    former: int | None = None
+    """Their number in the updates before they were recognised; it is not used again. None: it has not changed."""

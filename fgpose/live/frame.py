@@ -89,6 +89,11 @@ class LivePerson:
     """(J,) values of fgpose.Status."""
     probability: np.ndarray
     """(J,) that at least one camera really sees the joint at the moment."""
+    is_provisional: bool = False
+    """Whether they may still be recognised as somebody who was here before, so that the number may change."""
+    former: int | None = None
+    """Their number in the frames before they were recognised; it is not used again. Every frame says so while they are
+    followed, for a consumer may miss the first. None: it has not changed."""
 
     @staticmethod
     def of(tracked: Tracked) -> LivePerson:
@@ -107,6 +112,8 @@ class LivePerson:
                 if visibility is None
                 else 1 - np.prod(1 - np.where(np.isfinite(visibility), visibility, 0.0), axis=0)
             ),
+            is_provisional=tracked.is_provisional,
+            former=tracked.former,
         )
 
     def coasting(self, unseen_s: float) -> LivePerson:

@@ -4,13 +4,14 @@
   which belong together. PersonRegion names one of several by where somebody stands in an image.
 - A whole recording: smooth_people gives SmoothedPeople, with the Association of the detections: each person as Seen.
 - Image by image: Tracker gives everybody as Tracked, with a TrackState, and tells each TrackEvent.
-- Against the truth: evaluate_people gives PeopleEvaluation, of each PersonScore, Stay and Encounter.
+- Against the truth: evaluate_people gives PeopleEvaluation, of each PersonScore, Stay and Encounter; revised calls
+  everybody by the number that they have in the end.
 
 Their files are read and written by load_people and save_people in fgpose.files.
 """
 
 from fgpose.assessment.encounters import Encounter
-from fgpose.assessment.people import PeopleEvaluation, PersonScore, evaluate_people
+from fgpose.assessment.people import PeopleEvaluation, PersonScore, evaluate_people, revised
 from fgpose.assessment.stays import Stay
 from fgpose.association.chosen_person import PersonRegion
 from fgpose.association.recording import Association
@@ -36,5 +37,6 @@ __all__ = [
     "Tracked",
     "Tracker",
     "evaluate_people",
+    "revised",
     "smooth_people",
 ]

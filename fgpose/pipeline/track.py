@@ -42,7 +42,7 @@ def run_track(
     Returns:
         "online": the newest estimates after each update; "smoothed": those of each frame one lag later, of everybody
         who was followed for so long (no such trajectories where nobody was). A person has the number that the tracker
-        gave at that time; its events say when it recognised somebody.
+        gave at that time; its events say when it recognised somebody, and which number then became which.
 
     Raises:
         ValueError: so many frames make no body that the calibration must be wrong.

@@ -173,7 +173,15 @@ class Tracker:
         newest = {track.number: self._newest(images, seen.get(track.number, {})) for track in tracks}
         estimates = self._estimators.update(newest)
         return [
-            Tracked(track.person, track.state, estimates[track.number], seen.get(track.number, {})) for track in tracks
+            Tracked(
+                track.person,
+                track.state,
+                estimates[track.number],
+                seen.get(track.number, {}),
+                is_provisional=self._follower.is_provisional(track, images[-1].time_s),
+                former=track.former,
+            )
+            for track in tracks
         ]
 
     def _apply_offsets(self, time_s: float) -> None:

@@ -38,11 +38,14 @@ class FrameByFrame:
         return PeopleResult(trajectories(recording.observations.skeleton, recording.frames.frame_time_s, poses), cpu_s)
 
 
-def _online(config: Config, recording: PeopleRecording) -> list[Poses]:
+def _online(config: Config, recording: PeopleRecording) -> PeopleResult:
     """Everybody at the time of each frame, from the images up to it."""
-    tracker = Tracker(recording.rig, recording.observations.skeleton, config)
+    start_s, skeleton = time.process_time(), recording.observations.skeleton
+    tracker = Tracker(recording.rig, skeleton, config)
     frames = (tracker.update(images) for _, images in recording.images())
-    return [{each.person: each.estimate.positions_m for each in tracked} for tracked in frames]
+    poses = [{each.person: each.estimate.positions_m for each in tracked} for tracked in frames]
+    cpu_s, people = time.process_time() - start_s, trajectories(skeleton, recording.frames.frame_time_s, poses)
+    return PeopleResult(people, cpu_s, tuple(tracker.events()))
 
 
 def batch(config: Config, recording: PeopleRecording) -> PeopleResult:
@@ -66,7 +69,7 @@ METHODS: tuple[PeopleMethod, ...] = (
     Method("greedy triangulation", "baseline", FrameByFrame(greedy)),
     Method("RapidPose-like", "baseline", FrameByFrame(rapid_pose)),
     Method("Chen-like", "baseline", FrameByFrame(cross_view)),
-    Method("fgpose online", "ours", FrameByFrame(partial(_online, POSITIONS_ONLY))),
+    Method("fgpose online", "ours", partial(_online, POSITIONS_ONLY)),
     Method("fgpose batch", "ours", partial(batch, POSITIONS_ONLY)),
     TOLD,
 )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.association.track import TrackEvent
 from fgpose.correspondences import MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import Detections, PeopleObservations
@@ -62,6 +63,8 @@ class PeopleResult:
     """By identity."""
     cpu_s: float
     """Processor time for all frames."""
+    events: tuple[TrackEvent, ...] = ()
+    """That say which numbers were revised."""
 
 
 PeopleMethod = Method[PeopleRecording, PeopleResult]

@@ -28,7 +28,8 @@ _QUESTIONS = {
     "somebody who comes, or is there at the start, until they are in the result, median and 95th percentile in ms, and "
     "how many never are; false tracks (identities that are matched in less than half of their frames) per 10 minutes, "
     "and the longest life of one in s.",
-    "Who is who?": "IDF1 and HOTA in percent; identity switches per person and minute: all, those at encounters in "
+    "Who is who?": "IDF1 in percent, as everybody is called at the time and by the numbers that they have in the end; "
+    "HOTA in percent; identity switches per person and minute: all, those at encounters in "
     "which two people come as near as 0.5 to 1 m, and nearer than 0.5 m, in brackets how many encounters there are "
     "(switches at a return are not among them); how many of those who return are recognised, after being away for up "
     "to 5 s and for longer; how many of those who arrive, returning or new, are mistaken for somebody else.",
@@ -179,6 +180,7 @@ _WHO_IS_THERE = (
 )
 _WHO_IS_WHO = (
     _percent("IDF1", "idf1"),
+    _percent("revised", "idf1_revised"),
     _percent("HOTA", "hota"),
     tables.lower_is_better("switches", "switches", 2),
     _rate("at 0.5–1 m", "pass_switches", "person_minutes", 1.0, 2, "n_passes"),

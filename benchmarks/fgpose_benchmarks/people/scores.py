@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.assessment.encounters import Encounter
-from fgpose.assessment.people import PeopleEvaluation, evaluate_people
+from fgpose.assessment.people import PeopleEvaluation, evaluate_people, revised
 from fgpose.assessment.stays import Stay, confirmation_delays_s
 from fgpose_benchmarks.comparison.scores import Scored
 from fgpose_benchmarks.people.recording import PeopleMethod, PeopleRecording, PeopleResult
@@ -30,6 +30,8 @@ class PeopleScore(Scored):
     f1: float
     mota: float
     idf1: float
+    idf1_revised: float
+    """By the numbers that people have in the end."""
     hota: float
     switches: float
     """Per true person and minute."""
@@ -98,6 +100,7 @@ def score_people(recording: PeopleRecording, result: PeopleResult, method: Peopl
         f1=found.f1,
         mota=found.mota,
         idf1=found.idf1,
+        idf1_revised=evaluate_people(revised(result.people, result.events), recording.truth, time_s=time_s).idf1,
         hota=found.hota,
         switches=found.switches / person_minutes,
         fragmentations=found.fragmentations / person_minutes,

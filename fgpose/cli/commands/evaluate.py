@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -46,8 +47,8 @@ class Evaluate:
 
     def run(self) -> None:
         from fgpose.assessment.evaluation import evaluate
-        from fgpose.assessment.people import evaluate_people
-        from fgpose.io.trajectories import load_upright
+        from fgpose.assessment.people import evaluate_people, revised
+        from fgpose.io.trajectories import load_origin, load_upright
 
         estimate, _ = load_upright(self.estimate, self.world_up)
         reference, _ = load_upright(self.reference, self.reference_up)
@@ -55,8 +56,11 @@ class Evaluate:
             one, true = next(iter(estimate.values())), next(iter(reference.values()))
             print_evaluation(new_console(), evaluate(one, true, self.offset_s))
         else:
-            people = evaluate_people(estimate, reference, truth_offset_s=self.offset_s, match_m=self.match_m)
-            print_people_evaluation(new_console(), people)
+            measured = partial(evaluate_people, truth=reference, truth_offset_s=self.offset_s, match_m=self.match_m)
+            origin, final = load_origin(self.estimate), None
+            if origin is not None and any(event.became is not None for event in origin.events):
+                final = measured(revised(estimate, origin.events))
+            print_people_evaluation(new_console(), measured(estimate), final)
 
 
 def print_evaluation(console: Console, evaluation: Evaluation) -> None:
@@ -93,13 +97,21 @@ def _evaluation_table(evaluation: Evaluation) -> Table:
     return table
 
 
-def print_people_evaluation(console: Console, evaluation: PeopleEvaluation) -> None:
-    """How well people were found, told apart and posed, then one line per true person."""
+def print_people_evaluation(
+    console: Console, evaluation: PeopleEvaluation, final: PeopleEvaluation | None = None
+) -> None:
+    """How well people were found, told apart and posed, then one line per true person.
+
+    Args:
+        console: to print on.
+        evaluation: as everybody was called at the time.
+        final: by the numbers that they have in the end, where these are others.
+    """
     console.print(
         f"{evaluation.n_frames} frames, {evaluation.n_frames_empty} of them without an estimate; "
         f"{evaluation.n_people} people, {evaluation.n_identities} estimated"
     )
-    console.print(_people_evaluation_table(evaluation))
+    console.print(_people_evaluation_table(evaluation, final))
     people = new_table("person", "frames", "recall [%]", "switches", "fragmented", "MPJPE [mm]", "PCP [%]")
     for person in evaluation.people:
         people.add_row(
@@ -111,7 +123,7 @@ def print_people_evaluation(console: Console, evaluation: PeopleEvaluation) -> N
     console.print(people)
 
 
-def _people_evaluation_table(evaluation: PeopleEvaluation) -> Table:
+def _people_evaluation_table(evaluation: PeopleEvaluation, final: PeopleEvaluation | None) -> Table:
     table = new_table("", "value")
     rows: dict[str, float] = {
         "recall [%]": 100 * evaluation.recall,
@@ -121,6 +133,7 @@ def _people_evaluation_table(evaluation: PeopleEvaluation) -> Table:
         "ID switches": evaluation.switches,
         "fragmentations": evaluation.fragmentations,
         "IDF1 [%]": 100 * evaluation.idf1,
+        **({} if final is None else {"IDF1 by the revised numbers [%]": 100 * final.idf1}),
         "HOTA [%]": 100 * evaluation.hota,
         "MPJPE, absolute [mm]": evaluation.mpjpe_mm,
         "joints missing [%]": 100 * evaluation.share_missing,

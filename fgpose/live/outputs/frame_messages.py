@@ -68,7 +68,8 @@ def frame_document(frame: LiveFrame) -> dict[str, Any]:
 def _person_document(person: LivePerson) -> dict[str, Any]:
     arrays = {name: np.asarray(getattr(person, name), dtype=np.float32) for name in _ARRAYS}
     status = np.asarray(person.status, dtype=np.uint8)
-    return {"person": person.person, "state": person.state.value, **arrays, "status": status}
+    identity = {"person": person.person, "is_provisional": person.is_provisional, "former": person.former}
+    return {**identity, "state": person.state.value, **arrays, "status": status}
 
 
 def frame_of_document(document: Any, skeleton: Skeleton) -> LiveFrame:

@@ -25,8 +25,8 @@ _THIS_COMPUTER = "[multicast]\nResolveScope = machine\n"
 
 
 class PersonSlots:
-    """Who is in which of a fixed number of slots: a person keeps theirs while present. A slot that somebody has left
-    stays empty for a frame, so that consumers see that somebody else comes."""
+    """Who is in which of a fixed number of slots: a person keeps theirs while present, whatever their number becomes. A
+    slot that somebody has left stays empty for a frame, so that consumers see that somebody else comes."""
 
     def __init__(self, n_slots: int) -> None:
         self._persons: list[int | None] = [None] * n_slots
@@ -35,7 +35,9 @@ class PersonSlots:
         """Who is in each slot, of the people in the newest frame; who finds no free slot is left out."""
         present = {each.person: each for each in people}
         free = [slot for slot, person in enumerate(self._persons) if person is None]
-        self._persons = [person if person in present else None for person in self._persons]
+        now_called = {each.former: each.person for each in people if each.former is not None}
+        now = (person if person is None else now_called.get(person, person) for person in self._persons)
+        self._persons = [person if person in present else None for person in now]
         newcomers = (person for person in present if person not in self._persons)
         for slot, person in zip(free, list(newcomers), strict=False):
             self._persons[slot] = person

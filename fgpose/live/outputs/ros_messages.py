@@ -163,6 +163,8 @@ def _person(person: LivePerson) -> Any:
     return _made(
         "fgpose_msgs/Person",
         person.person,
+        person.is_provisional,
+        -1 if person.former is None else person.former,
         person.state.value,
         [_point(joint) for joint in person.positions_m],
         person.covariance_m2[:, *_UPPER_TRIANGLE].ravel().astype(np.float32),

@@ -113,6 +113,10 @@ class PageState:
     def _note_people(self, before: LiveFrame | None, frame: LiveFrame) -> None:
         old = set() if before is None else {person.person for person in before.people}
         new = {person.person for person in frame.people}
+        for person in frame.people:
+            if person.former in old:
+                self.note(frame.published_s, f"person {person.former} is recognised as person {person.person}")
+                old, new = old - {person.former}, new - {person.person}
         for number in sorted(new - old):
             self.note(frame.published_s, f"person {number} is there")
         for number in sorted(old - new):
@@ -150,6 +154,7 @@ class PageState:
             ellipse = {"radii_m": radii_m.tolist(), "turn_deg": turn_deg}
         return {
             "person": person.person,
+            "is_provisional": person.is_provisional,
             "state": person.state.value,
             "at_m": at_m.tolist(),
             "joints_m": (person.positions_m @ axes.T).tolist(),

@@ -21,6 +21,7 @@ PERFECT = PeopleScore(
     f1=1.0,
     mota=1.0,
     idf1=1.0,
+    idf1_revised=1.0,
     hota=1.0,
     switches=0.0,
     fragmentations=0.0,

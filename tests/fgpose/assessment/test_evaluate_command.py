@@ -7,8 +7,10 @@ import pytest
 from made_up_people import FPS, People, make, people, standing
 
 from fgpose.assessment.people import MATCH_M
+from fgpose.association.track import TrackEvent
 from fgpose.cli import main
 from fgpose.cli.commands.evaluate import Evaluate
+from fgpose.io.origin import Origin
 from fgpose.io.trajectories import save_people, save_trajectory
 
 OFF_M = 0.01
@@ -39,6 +41,16 @@ def evaluated(arguments: list[str | Path], capsys: pytest.CaptureFixture[str]) -
     return {" ".join(line[:n]): line[n:] for line, n in zip(lines, first, strict=True) if n} | {
         f"person {line[0]}": line[1:] for line, n in zip(lines, first, strict=True) if n == 0 and len(line) == 7
     }
+
+
+def test_revised_numbers(truth: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Who is called 9 until frame 5 is recognised as 7: those frames count for nobody else by the final numbers."""
+    origin = Origin(events=(TrackEvent(0.1, 9, "recognised", "by the bones", became=7),))
+    (estimate,) = save_people(estimated(), tmp_path / "estimate.parquet", origin=origin)
+    printed = evaluated([estimate, truth], capsys)
+    # 20 true people in all frames, 25 estimated: 15 with their one number, or 20.
+    assert printed["IDF1 [%]"] == [f"{100 * 2 * 15 / 45:.1f}"]
+    assert printed["IDF1 by the revised numbers [%]"] == [f"{100 * 2 * 20 / 45:.1f}"]
 
 
 def test_several_people(truth: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

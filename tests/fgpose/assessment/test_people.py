@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from made_up_people import FPS, People, make, only, people, scene, standing
 
-from fgpose.assessment.people import evaluate_people
+from fgpose.assessment.people import evaluate_people, revised
+from fgpose.association.track import TrackEvent
 from fgpose.skeleton import Skeleton
 
 
@@ -306,6 +307,18 @@ def test_times_that_differ_by_rounding_are_one_frame():
     truth = {1: make(standing(0)), 2: make(standing(3), np.arange(10) / FPS + 1e-9)}
     scores = evaluate_people(truth, truth)
     assert (scores.n_frames, scores.recall) == (10, 1.0)
+
+
+def test_revised_numbers_are_followed_to_the_end():
+    """Called 1, then 5, who was called 3, and is 2; of a time at which there are several the last number counts."""
+    frames = {2: [0, 1, 9], 3: [2, 3], 5: [4, 5], 1: [5, 6]}
+    published = {number: make(only(standing(float(number)), own)) for number, own in frames.items()}
+    renamed = {1: 5, 5: 3, 3: 2}
+    events = [TrackEvent(0.0, before, "recognised", "", after) for before, after in renamed.items()]
+    people_now = revised(published | {8: make(standing(8))}, [*events, TrackEvent(0.0, 8, "lost", "")])
+    assert people_now.keys() == {2, 8}
+    np.testing.assert_array_equal(np.round(people_now[2].time_s * FPS), [0, 1, 2, 3, 4, 5, 6, 9])
+    np.testing.assert_allclose(people_now[2].positions_m[:, 0, 0], [2, 2, 3, 3, 5, 5, 1, 2])
 
 
 def test_bad_input_is_refused():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rooms import FPS, Scene, body_m, image, people_of, run
@@ -125,7 +127,43 @@ def test_who_comes_back_soon_is_known_by_the_place(follower: Follower, rig: Came
     before = people_of(follower)
     run(follower, rig, scene_of_a_return(skeleton, person_m, person_m, n_away_s=1.5), 3.0, 8.0)
     assert people_of(follower) == before
-    assert what_happened(follower).count("recognised") == 1
+    (event,) = (event for event in follower.events if event.what == "recognised")
+    again = next(track for track in follower.tracks if track.person == event.became)
+    assert again.former in (None, event.person)
+    assert event.person not in before
+    assert not follower.is_provisional(again, 8.0)
+
+
+def test_who_is_new_is_provisional_while_they_may_be_somebody_who_was_lost(
+    follower: Follower, rig: CameraRig, skeleton: Skeleton
+) -> None:
+    scene = scene_of_a_return(skeleton, body_m(skeleton, HERE_M, 1.12), body_m(skeleton, HERE_M, 0.9))
+
+    def provisional(now_s: float) -> list[int]:
+        return [track.person for track in follower.tracks if follower.is_provisional(track, now_s)]
+
+    run(follower, rig, scene, 0.0, 1.0)
+    assert provisional(1.0) == []
+    run(follower, rig, scene, 1.0, 9.0)
+    assert provisional(9.0) == [2]
+    run(follower, rig, scene, 9.0, 11.5)
+    assert provisional(11.5) == []
+
+
+def test_whose_looks_are_known_is_recognised_at_once(follower: Follower, rig: CameraRig, skeleton: Skeleton) -> None:
+    """They are never called by another number."""
+    looks, rng = np.eye(8)[:2], np.random.default_rng(0)
+    people_m, numbers = [body_m(skeleton, HERE_M), body_m(skeleton, THERE_M)], set[int]()
+    for frame in range(round(12 * FPS)):
+        time_s = frame / FPS
+        seen = [n for n in range(2) if n or not 6.0 <= time_s < 10.0]
+        vectors = looks[seen] + 0.05 * rng.standard_normal((len(seen), 8))
+        images = [image(rig, c, time_s, [people_m[n] for n in seen], rng) for c in range(rig.n_cameras)]
+        follower.see([replace(each, appearance=vectors) for each in images])
+        numbers |= set(people_of(follower))
+    assert numbers == {0, 1}
+    (event,) = (event for event in follower.events if event.what == "recognised")
+    assert (event.person, [track.former for track in follower.tracks]) == (2, [None, None])
 
 
 def test_somebody_of_another_size_is_somebody_else(follower: Follower, rig: CameraRig, skeleton: Skeleton) -> None:
@@ -258,12 +296,12 @@ def test_an_image_older_than_the_newest_leaves_everybody_as_they_are(
     person_m = body_m(skeleton)
     run(follower, rig, always(person_m), 0.0, 2.0)
     (track,) = follower.tracks
-    seen_s, likeness_n = track.seen_s, track.likeness.n.copy()
+    seen_s, likeness_n = track.seen_s, track.likeness.lengths.n
     follower.see([image(rig, 0, 1.9, [person_m])])
     follower.see([image(rig, 1, 1.95, [])])
     assert follower.tracks == [track]
     assert track.seen_s == seen_s
-    assert (track.likeness.n >= likeness_n).all()
+    assert (track.likeness.lengths.n >= likeness_n).all()
     assert track.state is TrackState.CONFIRMED
 
 
@@ -277,7 +315,7 @@ def test_bones_are_learnt_although_the_newest_image_shows_nobody(skeleton: Skele
             # That it does not see them does not tell against them: something is in the way.
             follower.tracks[0].score, follower.tracks[0].absent = 20.0, 0.0
     (track,) = follower.tracks
-    assert (track.likeness.n > 1).any()
+    assert (track.likeness.lengths.n > 1).any()
 
 
 def test_one_by_one_or_all_at_once(rig: CameraRig, skeleton: Skeleton) -> None:
@@ -291,8 +329,8 @@ def test_one_by_one_or_all_at_once(rig: CameraRig, skeleton: Skeleton) -> None:
             one_by_one.see([each])
     assert people_of(one_by_one) == people_of(at_once) == [0, 1]
     for one, other in zip(one_by_one.tracks, at_once.tracks, strict=True):
-        assert np.isfinite(one.likeness.mean_m).all()
-        np.testing.assert_allclose(one.likeness.mean_m, other.likeness.mean_m, atol=0.03)
+        assert np.isfinite(one.likeness.lengths.mean_m).all()
+        np.testing.assert_allclose(one.likeness.lengths.mean_m, other.likeness.lengths.mean_m, atol=0.03)
 
 
 @pytest.mark.parametrize("n_joints", [1, 2, 17])

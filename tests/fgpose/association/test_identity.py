@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rooms import body_m
 
-from fgpose.association.identity import Likeness, log_ratio_of_place
+from fgpose.association.identity import Builds, Likeness, Passage, log_ratio_of_place
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.skeleton import Skeleton
 
@@ -60,8 +62,8 @@ def test_joined_is_as_if_learnt_at_once(skeleton: Skeleton) -> None:
     at_once = likeness_of(skeleton, 1.0, 1, begin_s=30.0, into=likeness_of(skeleton, 1.0, 0))
     joined = likeness_of(skeleton, 1.0, 1, begin_s=30.0)
     joined.join(likeness_of(skeleton, 1.0, 0))
-    for name in ("n", "mean_m", "squares_m2"):
-        np.testing.assert_allclose(getattr(joined, name), getattr(at_once, name), rtol=1e-9)
+    for name in ("n", "information", "mean_m", "squares"):
+        np.testing.assert_allclose(getattr(joined.lengths, name), getattr(at_once.lengths, name), rtol=1e-9)
 
 
 def test_the_mean_is_that_of_the_samples(skeleton: Skeleton) -> None:
@@ -74,10 +76,11 @@ def test_the_mean_is_that_of_the_samples(skeleton: Skeleton) -> None:
     # Mirrored bones share a length: there are two samples of it at each time.
     number = np.array(skeleton.length_of_bone)
     for length in range(skeleton.n_lengths):
-        samples_m = lengths_m[:, number == length].ravel()
-        assert likeness.n[length] == len(samples_m)
-        assert likeness.mean_m[length] == pytest.approx(samples_m.mean())
-        assert likeness.squares_m2[length] == pytest.approx(np.sum((samples_m - samples_m.mean()) ** 2))
+        samples_m, known = lengths_m[:, number == length].ravel(), likeness.lengths
+        assert known.n[length] == len(samples_m)
+        assert known.information[length] == pytest.approx(len(samples_m) / (2 * KNOWN_M**2))
+        assert known.mean_m[length] == pytest.approx(samples_m.mean())
+        assert known.squares[length] == pytest.approx(np.sum((samples_m - samples_m.mean()) ** 2) / (2 * KNOWN_M**2))
 
 
 def test_two_images_of_one_time_are_one_sample(skeleton: Skeleton) -> None:
@@ -86,13 +89,46 @@ def test_two_images_of_one_time_are_one_sample(skeleton: Skeleton) -> None:
     likeness.add(pose_of(body_m(skeleton), UNKNOWN_M), 0.0)
     likeness.add(pose_of(body_m(skeleton)), 0.0)
     likeness.add(pose_of(body_m(skeleton)), 0.1)
-    assert np.isfinite(likeness.mean_m).all()
+    assert np.isfinite(likeness.lengths.mean_m).all()
     likeness.add(pose_of(body_m(skeleton)), 1.0)
-    n = likeness.n.copy()
+    n = likeness.lengths.n
     likeness.add(pose_of(body_m(skeleton)), 1.0)
     likeness.add(pose_of(body_m(skeleton)), 0.5)
-    np.testing.assert_array_equal(likeness.n, n)
+    np.testing.assert_array_equal(likeness.lengths.n, n)
     assert np.isfinite(likeness.log_ratio(likeness_of(skeleton, 1.0, 0)))
+
+
+def together(skeleton: Skeleton, own_m: float, n_people: int = 8) -> list[Passage]:
+    """People of one size who are there at the same time, whose bones differ by so much."""
+    rng, passages = np.random.default_rng(0), []
+    for seed in range(n_people):
+        likeness = likeness_of(skeleton, 1.0, seed, n=120)
+        off_m = own_m * rng.standard_normal(skeleton.n_lengths)
+        likeness.recent = replace(likeness.recent, mean_m=likeness.recent.mean_m + off_m)
+        passages.append(Passage(0.0, np.zeros(3), 4.0, np.zeros(3), likeness))
+    return passages
+
+
+@pytest.mark.parametrize("own_m", [0.004, 0.03])
+def test_it_is_learned_how_alike_people_are(skeleton: Skeleton, own_m: float) -> None:
+    """A hundred lengths tell a standard deviation to a tenth, and beforehand it is 12 mm."""
+    builds = Builds()
+    builds.learn_between(together(skeleton, own_m))
+    assert abs(builds.own_m - own_m) < abs(builds.own_m - 0.012)
+    assert builds.size_share < Builds().size_share
+
+
+def test_where_everybody_is_alike_bones_tell_less(skeleton: Skeleton) -> None:
+    alike, one, again = Builds(), likeness_of(skeleton, 1.0, 0), likeness_of(skeleton, 1.0, 100)
+    alike.learn_between(together(skeleton, 0.0))
+    assert 0 <= one.log_ratio(again, alike) < one.log_ratio(again) - 1.0
+
+
+def test_who_comes_after_another_tells_nothing_of_how_people_differ(skeleton: Skeleton) -> None:
+    """They may be the same person."""
+    builds, first = Builds(), together(skeleton, 0.03, 1)[0]
+    builds.learn_between([first, replace(first, begin_s=5.0, end_s=9.0)])
+    assert (builds.own_m, builds.size_share) == (Builds().own_m, Builds().size_share)
 
 
 def test_near_and_soon_is_probably_the_same() -> None:

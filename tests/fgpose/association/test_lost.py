@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from fgpose.association.identity import RECOGNISED, UNAMBIGUOUS, Likeness, Passage
+from fgpose.association.identity import RECOGNISED, UNAMBIGUOUS, Lengths, Likeness, Passage
 from fgpose.association.lost import Lost, links
 from fgpose.skeleton import Skeleton
 
@@ -49,9 +49,8 @@ ROOM_M2 = 40.0
 def looks(skeleton: Skeleton, scale: float) -> Likeness:
     """Of somebody whose lengths were measured 50 times, to 3 cm each."""
     likeness = Likeness(skeleton)
-    likeness.n += 50.0
-    likeness.mean_m += 0.35 * scale
-    likeness.squares_m2 += 50.0 * 0.03**2
+    n, variance_m2 = np.full(skeleton.n_lengths, 50.0), 0.03**2
+    likeness.before = Lengths(n, n / variance_m2, np.full_like(n, 0.35 * scale), n)
     return likeness
 
 

@@ -25,7 +25,8 @@ START_S = 1.75e9
 
 
 def person(number: int, sequence: int, *, unknown: tuple[int, ...] = (2,)) -> LivePerson:
-    """Somebody at x = number, and at y = 1 cm times the sequence number; some joints are unknown."""
+    """Somebody at x = number, and at y = 1 cm times the sequence number; some joints are unknown. Who is called 4 may
+    be somebody else, and who is called 7 was called 2."""
     n_joints = SKELETON.n_joints
     positions_m = np.tile([float(number), 0.01 * sequence, 0.0], (n_joints, 1))
     positions_m[:, 2] = 0.5 * np.arange(n_joints)
@@ -34,7 +35,10 @@ def person(number: int, sequence: int, *, unknown: tuple[int, ...] = (2,)) -> Li
     covariance_m2 = 1e-4 * root @ root.swapaxes(1, 2)
     covariance_m2[list(unknown)] = np.nan
     status = np.where(np.isnan(positions_m[:, 0]), Status.UNOBSERVABLE, Status.OBSERVED)
-    return LivePerson(number, TrackState.CONFIRMED, positions_m, covariance_m2, status, np.linspace(0.2, 0.9, n_joints))
+    probability, former = np.linspace(0.2, 0.9, n_joints), 2 if number == 7 else None
+    return LivePerson(
+        number, TrackState.CONFIRMED, positions_m, covariance_m2, status, probability, number == 4, former
+    )
 
 
 def frame(sequence: int, people: tuple[int, ...] = (4, 7)) -> LiveFrame:
@@ -52,8 +56,8 @@ def assert_same_frame(actual: LiveFrame, expected: LiveFrame) -> None:
     """To the single precision of messages: 1e-7 of the size."""
     scalars = ("sequence", "time_s", "published_s", "observed_share", "cameras", "skeleton")
     assert [getattr(actual, name) for name in scalars] == [getattr(expected, name) for name in scalars]
-    assert [(each.person, each.state) for each in actual.people] == [
-        (each.person, each.state) for each in expected.people
+    assert [(each.person, each.state, each.is_provisional, each.former) for each in actual.people] == [
+        (each.person, each.state, each.is_provisional, each.former) for each in expected.people
     ]
     for a, b in zip(actual.people, expected.people, strict=True):
         np.testing.assert_array_equal(a.status, b.status)

@@ -279,6 +279,8 @@ def test_events_tell_what_changed(state: PageState, rig: CameraRig, skeleton: Sk
     state.add(live_frame(skeleton, (), NOW_S, cameras=rig.names))
     state.add(live_frame(skeleton, [person], NOW_S + 1, cameras=rig.names, lost=("ring_1",)))
     state.add(live_frame(skeleton, [person], NOW_S + 2, cameras=rig.names, lost=("ring_1",)))
+    known = replace(person, person=2, former=4)
+    state.add(live_frame(skeleton, [known], NOW_S + 2.5, cameras=rig.names))
     state.add(live_frame(skeleton, (), NOW_S + 3, cameras=rig.names))
     fault = DistanceFault("no image has come yet", NOW_S + 4)
     distance = LinkDistance("arm", -np.inf, -np.inf, None, "", "", np.nan, np.inf, np.nan, 0.0, fault)
@@ -289,7 +291,8 @@ def test_events_tell_what_changed(state: PageState, rig: CameraRig, skeleton: Sk
         ("camera ring_1 lost: nothing has come for 2.0 s", True),
         ("person 4 is there", False),
         ("camera ring_1 ok", False),
-        ("person 4 is gone", False),
+        ("person 4 is recognised as person 2", False),
+        ("person 2 is gone", False),
         ("arm: no image has come yet", True),
     ]
 

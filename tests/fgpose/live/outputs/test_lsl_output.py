@@ -125,6 +125,8 @@ def test_people_keep_their_slots() -> None:
     assert taken(9, 7, 11) == [9, 7]
     assert taken(11) == [None, None]
     assert taken(11) == [11, None]
+    assert taken(11, 2) == [11, 2]
+    assert taken(7, 11) == [11, 7]  # who was called 2
     assert taken() == [None, None]
 
 

@@ -69,6 +69,7 @@ def check_people(message: Any, sequence: int) -> None:
     assert message.header.frame_id == "world"
     assert message.observed_share == 0.75
     assert [(each.person, each.state) for each in message.people] == [(4, "confirmed"), (7, "confirmed")]
+    assert [(each.is_provisional, each.former) for each in message.people] == [(True, -1), (False, 2)]
     for each, true in zip(message.people, expected.people, strict=True):
         np.testing.assert_array_equal([(p.x, p.y, p.z) for p in each.positions], true.positions_m)
         upper = true.covariance_m2[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
