@@ -182,9 +182,10 @@ def _table(report: LiveStatistics) -> Table:
     from rich.table import Table
 
     median_ms, p95_ms, p99_ms = (report.latency_ms(percent) for percent in (50.0, 95.0, 99.0))
+    latency = f"median {median_ms:.0f} ms, 95 % {p95_ms:.0f} ms, 99 % {p99_ms:.0f} ms"
     table = Table(
-        title=f"{report.n_frames} frames; from image to frame: median {median_ms:.0f} ms, 95 % {p95_ms:.0f} ms, "
-        f"99 % {p99_ms:.0f} ms",
+        title=f"{report.n_frames} frames; "
+        + ("no image came" if math.isnan(median_ms) else f"from image to frame: {latency}"),
         title_justify="left",
         box=box.HORIZONTALS,
         collapse_padding=True,

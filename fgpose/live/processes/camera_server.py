@@ -43,7 +43,7 @@ def serve() -> None:
         except Exception as error:
             send(error)
             return
-        send(Opened(cameras.rig, cameras.playback.period_s, said))
+        send(Opened(cameras.rig, cameras.playback.period_s, said, tuple(cameras.awaited)))
         begin: Begin = receive()
         cameras.playback.begin(begin.start_s, begin.period_s)
         _serve(cameras, network, job, parts, receive, send)
