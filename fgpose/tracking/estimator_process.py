@@ -80,6 +80,14 @@ class EstimatorProcess:
             self._restart("does not start")
         return not self._starts_again
 
+    def await_ready(self) -> None:
+        """Wait until it can take people. Raises OSError if it has ended, or does not start."""
+        try:
+            self._await_ready()
+        except (EOFError, TimeoutError) as error:
+            self.close()
+            raise OSError(f"an estimator process does not start: {error}") from error
+
     def send(self, newest: Mapping[int, NewDetections], clocks: Clocks) -> bool:
         """Let the estimators take what is new of each person. Whether there will be an answer: there is none where
         nobody was and nobody is, or where the process has ended.

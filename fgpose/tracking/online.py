@@ -72,6 +72,14 @@ class Tracker:
         """End the other processes. Closing again does nothing."""
         self._estimators.close()
 
+    def await_ready(self) -> None:
+        """Wait until all processes have started, which is a second; otherwise the first update that needs them does.
+
+        Raises:
+            OSError: one does not start.
+        """
+        self._estimators.await_ready()
+
     def update(self, images: Sequence[Detections]) -> list[Tracked]:
         """Take the newest images: of all cameras or some, of one moment or one after another.
 

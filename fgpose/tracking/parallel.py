@@ -46,6 +46,11 @@ class ParallelEstimators:
         """How often a process was started again."""
         return sum(process.n_restarts for process in self._others)
 
+    def await_ready(self) -> None:
+        """Wait until all processes can take people. Raises OSError: one has ended."""
+        for process in self._others:
+            process.await_ready()
+
     def update(self, newest: Mapping[int, NewDetections]) -> dict[int, Estimate]:
         """The pose of each of these; who is not among them any more is forgotten.
 

@@ -101,7 +101,7 @@ class Live(LiveOutputs, LiveInputs):
             self._receive(stack, feed, skeleton, consumers)
             line = stack.enter_context(StatusLine(console))
             system = LiveSystem(feed, tracking, [*consumers.frames, line], consumers.observers, clock, parts)
-            with _on_signals(system.stop):
+            with _on_signals(system.stop), system.never_silent():
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         new_console().print(_table(system.report))
         return consumers.say_states()

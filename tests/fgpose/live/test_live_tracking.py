@@ -15,7 +15,8 @@ from fgpose.association.track import Tracked, TrackState
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.processes.parts import Parts
-from fgpose.live.tracking.live_tracking import LiveTracking, Update, is_told_by_motion
+from fgpose.live.tracking.known import is_told_by_motion
+from fgpose.live.tracking.live_tracking import LiveTracking, Update
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people_observations import Detections
 from fgpose_benchmarks.synthetic import (
