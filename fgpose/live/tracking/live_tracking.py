@@ -13,6 +13,7 @@ from fgpose.association.track import Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
+from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.live.cameras.frozen_keypoints import are_same
 from fgpose.live.frame import CameraStatus, LiveFrame, LivePerson, Restarts
 from fgpose.live.processes.parts import Parts
@@ -53,15 +54,23 @@ class LiveTracking:
         rig, skeleton, config: as of fgpose.Tracker.
         volume_m: (N, 3) points of the volume of which frames say how much is observed.
         parts: told when the tracker or one of its processes has ended.
+        memory: of a system before, whose people may be recognised.
     """
 
     def __init__(
-        self, rig: CameraRig, skeleton: Skeleton, config: Config, volume_m: np.ndarray, parts: Parts | None = None
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: Config,
+        volume_m: np.ndarray,
+        parts: Parts | None = None,
+        memory: TrackerMemory | None = None,
     ) -> None:
         self._parts = parts or Parts()
         self.rig, self.skeleton = rig, skeleton
         self.config = config.replace(online={"estimate_time_offsets": True})
         self._time_sigma_s = np.zeros(rig.n_cameras)
+        self._memory = memory
         self._volume = ObservedVolume(rig, volume_m)
         self._tracker = self._new_tracker()
         self._tracker.await_ready()
@@ -150,6 +159,11 @@ class LiveTracking:
         self._forget_people()
         self.on_taken(self.rig.names)
 
+    def memory(self) -> TrackerMemory | None:
+        """Of the tracker, see Tracker.memory; a new one goes on from what this last gave."""
+        self._memory = self._tracker.memory() or self._memory
+        return self._memory
+
     def close(self) -> None:
         """End the processes of the tracker."""
         self._tracker.close()
@@ -234,7 +248,7 @@ class LiveTracking:
         self._tracker = self._new_tracker()
 
     def _new_tracker(self) -> Tracker:
-        return Tracker(self.rig, self.skeleton, self.config, answers_within_s=_ANSWERS_WITHIN_S)
+        return Tracker(self.rig, self.skeleton, self.config, answers_within_s=_ANSWERS_WITHIN_S, memory=self._memory)
 
     def _is_too_old(self, detections: Detections) -> bool:
         return detections.time_s < self.newest_s - self.config.online.lag_s
