@@ -20,7 +20,7 @@ from fgpose.config import Config
 from fgpose.estimation.online.clock_offsets import OffsetEvidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.tracking.estimators import Estimators, NewDetections
+from fgpose.tracking.estimators import Estimators, NewDetections, load_libraries
 from fgpose.trajectory import Estimate
 
 _TIDY, _READY = "tidy", "ready"
@@ -198,6 +198,7 @@ def serve() -> None:
     """The other side: answer what EstimatorProcess asks, until it is closed."""
     with parent() as (receive, send):
         estimators = Estimators(*receive())
+        load_libraries()
         send(_READY)
         while True:
             try:

@@ -13,7 +13,7 @@ from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffset
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S, EstimatorProcess
-from fgpose.tracking.estimators import Estimators, NewDetections
+from fgpose.tracking.estimators import Estimators, NewDetections, load_libraries
 from fgpose.trajectory import Estimate
 
 
@@ -47,7 +47,8 @@ class ParallelEstimators:
         return sum(process.n_restarts for process in self._others)
 
     def await_ready(self) -> None:
-        """Wait until all processes can take people. Raises OSError: one has ended."""
+        """Wait until all processes can take people, this one too. Raises OSError: one has ended."""
+        load_libraries()
         for process in self._others:
             process.await_ready()
 
