@@ -3,8 +3,8 @@
 - In: Detections, everybody in an image; PeopleObservations, all images of a recording, of which MatchedFrames says
   which belong together. PersonRegion names one of several by where somebody stands in an image.
 - A whole recording: smooth_people gives SmoothedPeople, with the Association of the detections: each person as Seen.
-- Image by image: Tracker gives everybody as Tracked, with a TrackState, and tells each TrackEvent. Its TrackerMemory, of
-  each RememberedPerson and with RememberedSimilarity, is what the next one goes on from.
+- Image by image: Tracker gives everybody as Tracked, with a TrackState, and tells each TrackEvent. Its TrackerMemory,
+  of each RememberedPerson and with RememberedSimilarity, is what the next one goes on from.
 - Against the truth: evaluate_people gives PeopleEvaluation, of each PersonScore, Stay and Encounter.
 
 Their files are read and written by load_people, save_people, load_memory and save_memory in

@@ -13,7 +13,9 @@ def give_way(nice: int) -> None:
     """Let this thread have what is left by others, also where all is started as a real-time program (``chrt``)."""
     if sys.platform == "linux":  # elsewhere priorities are those of whole processes
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), nice)
+        thread = threading.get_native_id()
+        # Whoever started it with less priority may not take it back.
+        os.setpriority(os.PRIO_PROCESS, thread, max(nice, os.getpriority(os.PRIO_PROCESS, thread)))
 
 
 @contextmanager
