@@ -22,7 +22,8 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from multiprocessing import get_context
+from multiprocessing import Pipe, get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +51,8 @@ from fgpose_benchmarks.synthetic import (
 _SEED = 2
 # People are found, estimators started and lengths learned meanwhile.
 _SETTLED_S = 10.0
-# The system, on a busy computer; then the process that sends.
-_STARTS_WITHIN_S, _BEGINS_S = 120.0, 20.0
+# The system, on a busy computer; then the process that sends gets all images.
+_STARTS_WITHIN_S, _BEGINS_S, _ENCODES_S = 120.0, 5.0, 1e-3
 # The first image of a camera may come so much later, the last frame so long after the last image.
 _JOINS_S, _ANSWERS_S = 1.0, 2.0
 
@@ -107,9 +108,13 @@ def stand_for_another_computer() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
 
 
-def send(port: int, images: list[tuple[float, bytes]]) -> None:
-    """As the detectors of all cameras."""
+def send(port: int, coming: Connection) -> None:
+    """As the detectors of all cameras: says that it is ready, and takes the images."""
     stand_for_another_computer()
+    coming.send(True)
+    images: list[tuple[float, bytes]] = coming.recv()
+    if time.time() > images[0][0]:
+        raise TimeoutError("the first images are due before they can be sent")
     with zmq.Context() as context, context.socket(zmq.PUSH) as detector:
         detector.connect(f"tcp://127.0.0.1:{port}")
         for taken_s, message in images:
@@ -173,11 +178,14 @@ def measure(n_people: int, n_cameras: int, n_frames: int, rate_hz: float, before
             with subscribed(frames_port) as frames:
                 if not frames.poll(round(1e3 * _STARTS_WITHIN_S)):
                     raise TimeoutError(f"fgpose live publishes nothing for {_STARTS_WITHIN_S:g} s")
-                images = messages(recording, time.time() + _BEGINS_S)
                 # Started as a new program, so that it shares nothing with this one.
-                sender = get_context("spawn").Process(target=send, args=(keypoints_port, images))
+                ours, its = Pipe()
+                sender = get_context("spawn").Process(target=send, args=(keypoints_port, its))
                 sender.start()
+                ours.recv()
                 stand_for_another_computer()
+                images = messages(recording, time.time() + _BEGINS_S + _ENCODES_S * len(recording.observations.images))
+                ours.send(images)
                 received = _received(frames, images, skeleton)
                 sender.join()
         finally:
