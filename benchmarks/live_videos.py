@@ -13,20 +13,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import av
 import numpy as np
-import zmq
 
 from fgpose.child_process import n_cores
 from fgpose.live.frame import LiveFrame
@@ -35,6 +32,7 @@ from fgpose.live.recording.live_recording import LiveRecording, load_live_record
 from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 from fgpose.monocular.networks import open_network
 from fgpose.skeleton import Skeleton
+from live_keypoints import busy, free_port, subscribed
 
 _MODEL = "blazepose-lite"
 # After which the people are known and what is learned at first is learned.
@@ -132,35 +130,17 @@ def _begin_s(recording: LiveRecording) -> float:
 
 def received(port: int, skeleton: Skeleton, stop: threading.Event) -> Iterator[tuple[float, LiveFrame]]:
     """Frames as a consumer gets them, and when (Unix time)."""
-    with zmq.Context() as context, context.socket(zmq.SUB) as consumer:
-        consumer.setsockopt(zmq.LINGER, 0)
-        consumer.subscribe(b"")
-        consumer.connect(f"tcp://127.0.0.1:{port}")
+    with subscribed(port) as frames:
         while not stop.is_set():
-            if consumer.poll(100):
-                message = consumer.recv()
+            if frames.poll(100):
+                message = frames.recv()
                 yield time.time(), decode_frame(message, skeleton)
-
-
-@contextmanager
-def busy(n_processes: int) -> Iterator[None]:
-    """Other programs that want the processor."""
-    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n_processes)]
-    try:
-        yield
-    finally:
-        for other in others:
-            other.kill()
-            other.wait()
 
 
 def measure(
     name: str, rig: Path, record: Path, skeleton: Skeleton, minutes: float, truth: tuple[np.ndarray, np.ndarray]
 ) -> LiveRun:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        port = found.getsockname()[1]
-    stop = threading.Event()
+    port, stop = free_port(), threading.Event()
     process = start(rig, record, "--zmq", str(port))
     threading.Timer(60 * minutes + _SETTLED_S + 10.0, stop.set).start()
     delays: list[tuple[float, float]] = []

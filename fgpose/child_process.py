@@ -89,13 +89,14 @@ class ChildProcess:
 
     def write(self, message: object, timeout_s: float = math.inf) -> None:
         """Raises BrokenPipeError if the process has ended or is closed, TimeoutError if it does not take the message in
-        time or is stopped; after that it can only be ended. Without a limit it may be stopped as long as it likes."""
-        end_s = time.monotonic() + timeout_s
+        time or is stopped; after that it can only be ended. Time that the computer does not give it does not count.
+        Without a limit it may be stopped as long as it likes."""
+        deadline = _Deadline(timeout_s, self.process_id)
         body = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
         left = memoryview(_LENGTH.pack(len(body)) + body)
         try:
             while left:
-                self._wait(self._stdin, select.POLLOUT, end_s)
+                self._wait(self._stdin, select.POLLOUT, deadline)
                 left = left[self._stdin.write(left) or 0 :]
         # Another thread has closed it.
         except ValueError:
@@ -103,10 +104,10 @@ class ChildProcess:
 
     def read(self, timeout_s: float = math.inf) -> Any:
         """The next message. Raises EOFError if the process has ended or is closed, TimeoutError as write."""
-        end_s = time.monotonic() + timeout_s
+        deadline = _Deadline(timeout_s, self.process_id)
         try:
-            (length,) = _LENGTH.unpack(self._read(_LENGTH.size, end_s))
-            body = self._read(length, end_s)
+            (length,) = _LENGTH.unpack(self._read(_LENGTH.size, deadline))
+            body = self._read(length, deadline)
         # Another thread has closed it.
         except ValueError:
             raise EOFError("the process is closed") from None
@@ -143,23 +144,37 @@ class ChildProcess:
         assert self._process.stdout is not None
         return self._process.stdout
 
-    def _read(self, n_bytes: int, end_s: float) -> bytes:
+    def _read(self, n_bytes: int, deadline: _Deadline) -> bytes:
         body = bytearray()
         while len(body) < n_bytes:
-            self._wait(self._stdout, select.POLLIN, end_s)
+            self._wait(self._stdout, select.POLLIN, deadline)
             some = self._stdout.read(min(n_bytes - len(body), _READ_BYTES))
             if some == b"":
                 raise EOFError("the process has ended")
             body += some or b""
         return bytes(body)
 
-    def _wait(self, pipe: IO[bytes], event: int, end_s: float) -> None:
+    def _wait(self, pipe: IO[bytes], event: int, deadline: _Deadline) -> None:
         """Until a pipe can be read or written. Raises TimeoutError."""
         looks = StoppedTwice()
-        while not _is_ready(pipe, event, min(max(end_s - time.monotonic(), 0.0), _LOOKS_S)):
-            is_stopped = math.isfinite(end_s) and self.is_stopped
-            if looks.again(is_stopped) or time.monotonic() >= end_s:
+        while not _is_ready(pipe, event, min(max(deadline.left_s, 0.0), _LOOKS_S)):
+            is_stopped = deadline.is_finite and self.is_stopped
+            if looks.again(is_stopped) or deadline.left_s <= 0:
                 raise TimeoutError(f"process {self.process_id} {'is stopped' if is_stopped else 'does not answer'}")
+
+
+class _Deadline:
+    """Until which a process has time, but for what the computer does not give it."""
+
+    def __init__(self, timeout_s: float, process_id: int) -> None:
+        self.is_finite, self._process_id = math.isfinite(timeout_s), process_id
+        self._end_s = time.monotonic() + timeout_s - (waited_for_core_s(process_id) if self.is_finite else 0.0)
+
+    @property
+    def left_s(self) -> float:
+        if not self.is_finite:
+            return math.inf
+        return self._end_s + waited_for_core_s(self._process_id) - time.monotonic()
 
 
 class StoppedTwice:
@@ -180,6 +195,13 @@ def is_stopped(process_id: int) -> bool:
         after_name = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2]
         return after_name.split()[0] in "Tt"
     return False
+
+
+def waited_for_core_s(process_id: int) -> float:
+    """How long the main thread of a process could have run so far but others did; 0 where the system does not tell."""
+    with suppress(OSError, IndexError, ValueError):
+        return 1e-9 * int(Path(f"/proc/{process_id}/schedstat").read_text().split()[1])
+    return 0.0
 
 
 def _is_ready(pipe: IO[bytes], event: int, timeout_s: float) -> bool:

@@ -8,7 +8,7 @@ against them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from fgpose.association.appearance import MeanAppearance, Resemblance
 from fgpose.association.detectability import Blind, detection_probability
 from fgpose.association.founding import MAX_GAIN, found, found_alone
-from fgpose.association.identity import Likeness
+from fgpose.association.identity import Likeness, Passage
 from fgpose.association.lost import Lost
 from fgpose.association.matching import Matches, Moment, follow
 from fgpose.association.pose_filter import PoseFilters
@@ -99,13 +99,23 @@ class Follower:
         self.events: list[TrackEvent] = []
         self._free: dict[str, Moment] = {}
         """Of each camera the detections in its newest image that are nobody's."""
-        self._n_tracks = self._n_people = 0
+        self._n_tracks = self.n_people = 0
         self._lost = Lost(self._config.forget_s) if lost is None else lost
-        self._resemblance = Resemblance()
+        self.resemblance = Resemblance()
         self._blind = Blind(rig.names)
         self.person_of_track: dict[int, int] = {}
         """Who each track is that is confirmed, or has ended with the newest images; people are counted from 0 as they
         are confirmed."""
+
+    @property
+    def passages(self) -> dict[int, Passage]:
+        """Of everybody who is confirmed, or was lost and is not forgotten, by number."""
+        return self._lost.passages | {track.person: track.passage for track in self.tracks if track.is_confirmed}
+
+    def go_on(self, n_people: int, passages: Mapping[int, Passage], resemblance: Resemblance) -> None:
+        """Know what another follower has left: so many numbers were given, and these people may come back."""
+        self.n_people, self.resemblance = n_people, resemblance
+        self._lost.remember(passages)
 
     def see(self, images: Sequence[Detections]) -> list[Sighting]:
         """Take the next images, and say whom each shows.
@@ -220,7 +230,7 @@ class Follower:
                 track.cameras |= cameras
                 self._note(now_s, track, "found again", f"{', '.join(sorted(cameras))} agree on a body near there")
                 return track.number
-        likeness = Likeness(self._skeleton, MeanAppearance(self._resemblance))
+        likeness = Likeness(self._skeleton, MeanAppearance(self.resemblance))
         track = Track(self._n_tracks, pose, score, now_s, now_s, set(cameras), likeness)
         # Of the others too: that they do not show them was counted.
         track.scored_s = dict(zip(moment.cameras.names, moment.times_s.tolist(), strict=True))
@@ -252,8 +262,8 @@ class Follower:
 
     def _confirm(self, track: Track, now_s: float) -> None:
         track.state, track.confirmed_s = TrackState.CONFIRMED, now_s
-        track.person = self._n_people
-        self._n_people += 1
+        track.person = self.n_people
+        self.n_people += 1
         self.person_of_track[track.number] = track.person
         self._note(now_s, track, "confirmed", f"{', '.join(sorted(track.cameras))} agree, log odds {track.score:.1f}")
 
@@ -268,7 +278,7 @@ class Follower:
             if track.seen_s > now_s - _SAME_MOMENT_S:
                 track.likeness.add(track.pose, now_s)
         self._lost.learn(confirmed, now_s)
-        self._resemblance.learn([track.likeness.looks for track in confirmed], now_s)
+        self.resemblance.learn([track.likeness.looks for track in confirmed], now_s)
 
     def _recognise(self, now_s: float) -> None:
         """Those who have just been confirmed may be somebody who was lost before."""

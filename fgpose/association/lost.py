@@ -70,6 +70,15 @@ class Lost:
         if self.builds.is_due(now_s):
             self.builds.learn([track.passage for track in present], self._people.values(), now_s)
 
+    @property
+    def passages(self) -> dict[int, Passage]:
+        """Of everybody who is remembered, by number."""
+        return dict(self._people)
+
+    def remember(self, passages: Mapping[int, Passage]) -> None:
+        """People who were lost before this began."""
+        self._people |= passages
+
     def recognised(self, new: Sequence[Track], now_s: float) -> list[tuple[Track, int, str]]:
         """Who of these new tracks is somebody who was lost, by number, and why; nobody is two of them.
 

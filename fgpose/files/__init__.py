@@ -5,7 +5,7 @@
 - Keypoints: load_observations, save_observations of one person; load_people, save_people_observations of everybody;
   load_uncalibrated of cameras that are not calibrated.
 - Results: load_trajectory, save_trajectory; load_people_trajectories, save_people. Origin is what a result was made
-  from, each InputFile of it.
+  from, each InputFile of it. What a Tracker leaves to the next one: load_memory, save_memory.
 - Joint angles and what goes with them: load_angles, save_kinematics.
 - Skeletons and parameters: load_skeleton, builtin_skeletons; load_config.
 - The recordings that come with fgpose: recordings, load_recording.
@@ -21,6 +21,7 @@ from fgpose.io.keypoints import (
     save_observations,
     save_people_observations,
 )
+from fgpose.io.live.tracker_memory import load_memory, save_memory
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
@@ -38,6 +39,7 @@ __all__ = [
     "load_calibration_origin",
     "load_config",
     "load_intrinsics",
+    "load_memory",
     "load_observations",
     "load_people",
     "load_people_trajectories",
@@ -48,6 +50,7 @@ __all__ = [
     "load_uncalibrated",
     "recordings",
     "save_kinematics",
+    "save_memory",
     "save_observations",
     "save_people",
     "save_people_observations",

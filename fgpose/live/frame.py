@@ -25,7 +25,7 @@ class CameraState(Enum):
     LOST = "lost"
     """Nothing has come for a while."""
     RECONNECTING = "reconnecting"
-    """Its source has failed and is opened again."""
+    """Its source has failed, or is not there yet, and is opened again."""
     DOUBTFUL = "doubtful"
     """Images come that should not be trusted: frozen, black, garbled, of a camera that was moved or does not see people
     where the others do, or with a clock that jumps."""

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Protocol, TypeVar, runtime_checkable
 
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import Clock
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, Restarts
 from fgpose.live.processes.parts import Parts
+from fgpose.live.processes.worker import HANGS_S, Worker
 from fgpose.live.statistics import LiveStatistics
 from fgpose.live.tracking.live_tracking import LiveTracking, Update
 
 Given = TypeVar("Given")
+FrameAt = Callable[[float, Sequence[CameraStatus], tuple[Restarts, ...]], LiveFrame]
 # Without images, frames are published this often: nobody may take silence for an empty room.
 _SILENT_S = 0.1
+# Who tracks and has not published for so long hangs, or waits for something: another thread says what was known.
+_OVERDUE_S, _LOOKS_S = 0.15, 0.02
 # How the cameras are is asked so often: faults are noticed within a second.
 _STATUS_S = 0.05
 # What fails again and again does not keep a core busy.
@@ -49,7 +54,8 @@ class Consumer(Protocol):
 
 
 class LiveSystem:
-    """Tracks and publishes. Whatever an image, an output or an observer does, it goes on.
+    """Tracks and publishes. Whatever an image, an output or an observer does, it goes on; while it is never_silent,
+    frames are also published where tracking takes long or hangs.
 
     Args:
         feed: detections and cameras.
@@ -75,7 +81,10 @@ class LiveSystem:
         self.report = LiveStatistics(tracking.rig.names)
         self._cameras, self._looked_s = feed.statuses(), clock.now_s()
         tracking.on_taken = feed.go_on
-        self._published_s = clock.now_s()
+        self._published_s = self._alive_s = clock.now_s()
+        """When a frame was published last, and when the thread that tracks last did."""
+        self._publishing = threading.RLock()
+        """Consumers get one frame at a time, observers no update between a frame and what it says."""
         self._stopped, self._has_failed = threading.Event(), False
 
     def run(self, until_s: float = float("inf")) -> None:
@@ -93,6 +102,17 @@ class LiveSystem:
                 self._parts.restarted("tracking", f"{type(error).__name__}: {error}", error)
                 self._has_failed = True
                 self._stopped.wait(_PAUSE_S)
+
+    @contextmanager
+    def never_silent(self) -> Iterator[None]:
+        """Meanwhile a thread of its own publishes, in real time, what was known last, with its age and how the cameras
+        are now, whenever the thread that tracks does not."""
+        publisher = Worker("publishing without news", lambda: self._speak_up(publisher), self._parts)
+        publisher.start()
+        try:
+            yield
+        finally:
+            publisher.close()
 
     def stop(self) -> None:
         """Let run return; from any thread."""
@@ -112,18 +132,36 @@ class LiveSystem:
 
     def _tell(self, updates: Sequence[Update]) -> None:
         for update in updates:
-            for observe in self._observers:
-                self._give(observe, update, "an observer")
-            if any(image.is_used for image in update.images):
-                self._publish()
+            is_news = any(image.is_used for image in update.images)
+            with self._publishing:
+                for observe in self._observers:
+                    self._give(observe, update, "an observer")
+                if is_news:
+                    self._publish()
+            if is_news:
                 self._tracking.tidy()
 
     def _publish(self) -> None:
-        now_s = self._published_s = self._clock.now_s()
-        frame = self._tracking.frame(now_s, self._cameras, self._parts.so_far())
-        for output in self._outputs:
-            self._give(output.publish, frame, "an output")
-        self.report.add(frame)
+        self._alive_s = self._clock.now_s()
+        self._give_frame(self._tracking.frame, self._cameras)
+
+    def _speak_up(self, publisher: Worker) -> None:
+        is_said = False
+        while not publisher.stopped.wait(_LOOKS_S):
+            if self._clock.now_s() >= self._published_s + _OVERDUE_S:
+                self._give_frame(self._tracking.frame_without_news, self._feed.statuses())
+            silent_s = self._clock.now_s() - self._alive_s
+            if silent_s > HANGS_S and not is_said:
+                self._parts.hangs("tracking", f"it hangs: nothing for {silent_s:.1f} s")
+            is_said = silent_s > HANGS_S
+
+    def _give_frame(self, frame_at: FrameAt, cameras: Sequence[CameraStatus]) -> None:
+        with self._publishing:
+            now_s = self._published_s = self._clock.now_s()
+            frame = frame_at(now_s, cameras, self._parts.so_far())
+            for output in self._outputs:
+                self._give(output.publish, frame, "an output")
+            self.report.add(frame)
 
     def _give(self, take: Callable[[Given], None], given: Given, name: str) -> None:
         """One that raises, which none should, does not keep the others from it."""

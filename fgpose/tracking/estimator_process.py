@@ -20,7 +20,7 @@ from fgpose.config import Config
 from fgpose.estimation.online.clock_offsets import OffsetEvidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.tracking.estimators import Estimators, NewDetections
+from fgpose.tracking.estimators import Estimators, NewDetections, load_libraries
 from fgpose.trajectory import Estimate
 
 _TIDY, _READY = "tidy", "ready"
@@ -79,6 +79,14 @@ class EstimatorProcess:
         elif self._starts_again and self._is_overdue:
             self._restart("does not start")
         return not self._starts_again
+
+    def await_ready(self) -> None:
+        """Wait until it can take people. Raises OSError if it has ended, or does not start."""
+        try:
+            self._await_ready()
+        except (EOFError, TimeoutError) as error:
+            self.close()
+            raise OSError(f"an estimator process does not start: {error}") from error
 
     def send(self, newest: Mapping[int, NewDetections], clocks: Clocks) -> bool:
         """Let the estimators take what is new of each person. Whether there will be an answer: there is none where
@@ -190,6 +198,7 @@ def serve() -> None:
     """The other side: answer what EstimatorProcess asks, until it is closed."""
     with parent() as (receive, send):
         estimators = Estimators(*receive())
+        load_libraries()
         send(_READY)
         while True:
             try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 from jaxtyping import Float
@@ -56,6 +57,12 @@ class Estimators:
 
     def _new(self) -> Estimator:
         return Estimator(self._rig, self._skeleton, self._config, self.offsets)
+
+
+def load_libraries() -> None:
+    """Those that are loaded at their first use, a third of a second in which images would be lost."""
+    for name in ("scipy.linalg", "scipy.optimize"):
+        import_module(name)
 
 
 def _updated(estimator: Estimator, new: NewDetections) -> Estimate:

@@ -11,11 +11,13 @@ from fgpose.association.track import Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
+from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.observations import refuse_millimetres
 from fgpose.people_observations import NOTHING, Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import NewDetections
+from fgpose.tracking.memory import go_on, memory_of
 from fgpose.tracking.parallel import ParallelEstimators
 
 _APPLY_OFFSETS_S = 0.5
@@ -39,6 +41,7 @@ class Tracker:
         config: None: the default.
         answers_within_s: a process that does not is replaced, as one that has ended is, and one that is stopped at
             once. By default a minute: no busy machine takes so long.
+        memory: of a tracker before, with the same rig, skeleton and config: whom it knew may be recognised.
     """
 
     def __init__(
@@ -48,6 +51,7 @@ class Tracker:
         config: Config | None = None,
         *,
         answers_within_s: float = ANSWERS_WITHIN_S,
+        memory: TrackerMemory | None = None,
     ) -> None:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._follower = Follower(rig, skeleton, self.config.tracking)
@@ -61,6 +65,8 @@ class Tracker:
         self._with_appearance: list[Detections] = []
         """The first image that has appearance vectors."""
         self._offsets_applied_s = -np.inf
+        if memory is not None:
+            go_on(memory, self._follower, self.offsets, skeleton)
 
     def __enter__(self) -> Tracker:
         return self
@@ -71,6 +77,14 @@ class Tracker:
     def close(self) -> None:
         """End the other processes. Closing again does nothing."""
         self._estimators.close()
+
+    def await_ready(self) -> None:
+        """Wait until all processes have started, which is a second; otherwise the first update that needs them does.
+
+        Raises:
+            OSError: one does not start.
+        """
+        self._estimators.await_ready()
 
     def update(self, images: Sequence[Detections]) -> list[Tracked]:
         """Take the newest images: of all cameras or some, of one moment or one after another.
@@ -109,6 +123,10 @@ class Tracker:
     def offsets(self) -> RunningOffsets:
         """What is known of the cameras' clocks beyond the rig; its sigma_s may be set at any time."""
         return self._estimators.offsets
+
+    def memory(self) -> TrackerMemory | None:
+        """For a tracker that goes on later, see save_memory; None before the first image."""
+        return memory_of(self._follower, self.offsets, max(self._image_s.values())) if self._image_s else None
 
     def look(self) -> None:
         """Replace processes that have ended, as each update does: for where no image comes.

@@ -13,7 +13,7 @@ from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffset
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S, EstimatorProcess
-from fgpose.tracking.estimators import Estimators, NewDetections
+from fgpose.tracking.estimators import Estimators, NewDetections, load_libraries
 from fgpose.trajectory import Estimate
 
 
@@ -45,6 +45,12 @@ class ParallelEstimators:
     def n_restarts(self) -> int:
         """How often a process was started again."""
         return sum(process.n_restarts for process in self._others)
+
+    def await_ready(self) -> None:
+        """Wait until all processes can take people, this one too. Raises OSError: one has ended."""
+        load_libraries()
+        for process in self._others:
+            process.await_ready()
 
     def update(self, newest: Mapping[int, NewDetections]) -> dict[int, Estimate]:
         """The pose of each of these; who is not among them any more is forgotten.

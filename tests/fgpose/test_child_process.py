@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from fgpose import child_process
 from fgpose.child_process import ChildProcess, parent
 
 # A long time: nothing here waits for it unless something is wrong.
@@ -54,6 +55,18 @@ def test_one_that_is_stopped_or_silent_is_not_waited_for(process: ChildProcess) 
         process.write(np.zeros(1 << 19), LONG_S)
     process.close()
     assert process.status == -signal.SIGKILL
+
+
+def test_what_the_computer_does_not_give_it_is_no_silence(
+    process: ChildProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert child_process.waited_for_core_s(process.process_id) >= 0.0
+    others_s = iter([0.0, *(LONG_S for _ in range(5))])
+    monkeypatch.setattr(child_process, "waited_for_core_s", lambda process_id: next(others_s, 0.0))
+    monkeypatch.setattr(child_process, "_LOOKS_S", 0.001)
+    with pytest.raises(TimeoutError, match="does not answer"):
+        process.read(0.0)
+    assert next(others_s, None) is None
 
 
 def test_one_that_has_ended_or_is_closed_says_so(process: ChildProcess) -> None:

@@ -25,7 +25,7 @@ from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.observations import Observations
 from fgpose_benchmarks.accuracy.families import Variant
 from fgpose_benchmarks.accuracy.linear import low_pass, triangulate_ransac
-from fgpose_benchmarks.accuracy.peer_methods import peer_methods
+from fgpose_benchmarks.accuracy.peer_methods import eks_methods, peer_methods
 from fgpose_benchmarks.comparison.recording import BenchmarkRecording, Method, MethodResult
 
 # The best for each on the tuning clips, clean and occluded, of 10 to 60 px. (Iskakov et al. publish 30 for RANSAC: on
@@ -37,13 +37,14 @@ _POSITIONS_ONLY = SolverConfig(covariance=False)
 Positions = Float[np.ndarray, "frame joint 3"]
 
 
-def methods(peer: Path | None = None) -> list[Method]:
+def methods(peer: Path | None = None, eks: Path | None = None) -> list[Method]:
     """All methods that can run here.
 
     Args:
         peer: Python of an environment that has aniposelib (see peer.find_peer); None: its lines are left out.
+        eks: the same of the Ensemble Kalman Smoother.
     """
-    peers = [] if peer is None else peer_methods(peer)
+    peers = [*([] if peer is None else peer_methods(peer)), *([] if eks is None else eks_methods(eks))]
     return [*PER_FRAME, *LINEAR, *peers, *OURS, ORACLE]
 
 

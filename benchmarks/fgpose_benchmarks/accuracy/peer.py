@@ -1,4 +1,5 @@
-"""aniposelib's triangulate_optim in a second process. Its OpenCV would overwrite ours, so it has its own environment.
+"""Other programs in a second process: aniposelib's triangulate_optim, and the Ensemble Kalman Smoother. Their OpenCV
+would overwrite ours, so each has its own environment.
 
 The process keeps running between calls and measures its own time. Its start, its just-in-time compilation (in the first
 call) and the transfer of data do not count.
@@ -26,15 +27,30 @@ from fgpose.observations import Observations
 # With the default number of threads the same run, with the same number of iterations, took 10 or 34 ms per frame on a
 # shared machine; with one thread always 8 to 10.
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
-_DEFAULT_PYTHON = Path(".venv/bench/bin/python")
+
+
+@dataclass(frozen=True)
+class PeerProgram:
+    """What is measured beside fgpose."""
+
+    name: str
+    server: str
+    """The module here that runs it."""
+    environment: Path
+    """Where its Python is looked for, in the current folder."""
+
+
+ANIPOSELIB = PeerProgram("aniposelib", "peer_server.py", Path(".venv/bench"))
+EKS = PeerProgram("the Ensemble Kalman Smoother", "eks_server.py", Path(".venv/eks"))
 
 
 @dataclass(frozen=True)
 class PeerSettings:
-    """How triangulate_optim is called; its own defaults unless said otherwise. Constraints are always all bones."""
+    """How triangulate_optim, or the smoother, is called; its own defaults unless said otherwise. Constraints are always
+    all bones."""
 
     scores: bool = False
-    """Whether it gets the detectors' confidences."""
+    """Whether triangulate_optim gets the detectors' confidences; the smoother always does."""
     optim: dict[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
@@ -47,13 +63,15 @@ class PeerResult:
     positions_m: Float[np.ndarray, "frame joint 3"]
     wall_s: float
     cpu_s: float
+    variance_m2: Float[np.ndarray, "frame joint 3"] | None = None
+    """Along the axes of the world; None where it states none."""
 
 
 class Peer:
-    """A running aniposelib."""
+    """A running program."""
 
-    def __init__(self, process: subprocess.Popen[str], log: IO[str], folder: Path) -> None:
-        self._process, self._log, self._folder = process, log, folder
+    def __init__(self, name: str, process: subprocess.Popen[str], log: IO[str], folder: Path) -> None:
+        self._name, self._process, self._log, self._folder = name, process, log, folder
         self._numbers = itertools.count()
         self.version = str(self._answer()["version"])
 
@@ -64,11 +82,12 @@ class Peer:
             OSError: the process died; the message ends with the last line that it wrote.
         """
         number = next(self._numbers)
-        recording, output = self._folder / f"{number}.npz", self._folder / f"{number}.npy"
+        recording, output = self._folder / f"{number}.npz", self._folder / f"{number}_solved.npz"
         np.savez(recording, allow_pickle=False, **_arrays(observations, rig))
         request = {"recording": str(recording), "settings": settings.optim, "scores": settings.scores}
         answer = self._ask(request | {"output": str(output)})
-        result = PeerResult(np.load(output), answer["wall_s"], answer["cpu_s"])
+        with np.load(output) as solved:
+            result = PeerResult(wall_s=answer["wall_s"], cpu_s=answer["cpu_s"], **solved)
         recording.unlink()
         output.unlink()
         return result
@@ -89,7 +108,7 @@ class Peer:
         if not answer:
             self._log.seek(0)
             last = self._log.read().strip().splitlines()[-1:]
-            raise OSError(f"aniposelib ended: {''.join(last) or 'without a word'}")
+            raise OSError(f"{self._name} ended: {''.join(last) or 'without a word'}")
         return json.loads(answer)
 
 
@@ -103,31 +122,32 @@ def _arrays(observations: Observations, rig: CameraRig) -> dict[str, np.ndarray]
     }
 
 
-def find_peer(python: Path | None = None) -> Path | None:
-    """The Python that has aniposelib: the given one, else .venv/bench of the current folder, else None.
+def find_peer(python: Path | None = None, program: PeerProgram = ANIPOSELIB) -> Path | None:
+    """The Python that has a program: the given one, else that of its environment in the current folder, else None.
 
     Raises:
         OSError: the given one does not exist.
     """
     if python is None:
-        return _DEFAULT_PYTHON.absolute() if _DEFAULT_PYTHON.exists() else None
+        default = program.environment / "bin" / "python"
+        return default.absolute() if default.exists() else None
     if not python.exists():
-        raise OSError(f"there is no Python for aniposelib at {python}")
+        raise OSError(f"there is no Python for {program.name} at {python}")
     return python.absolute()  # not resolve(): a virtual environment's Python is a link
 
 
 @contextmanager
-def running_peer(python: Path) -> Iterator[Peer]:
-    """Start aniposelib, and end it afterwards.
+def running_peer(python: Path, program: PeerProgram = ANIPOSELIB) -> Iterator[Peer]:
+    """Start a program, and end it afterwards.
 
     Args:
-        python: of an environment that has aniposelib, Python 3.11 or newer.
+        python: of an environment that has it, Python 3.11 or newer.
 
     Raises:
         OSError: it does not start; the message ends with the last line that it wrote.
     """
     # -P: the modules beside the server have names that other packages' modules have too.
-    server = [str(python), "-P", str(Path(__file__).with_name("peer_server.py"))]
+    server = [str(python), "-P", str(Path(__file__).with_name(program.server))]
     pipe = subprocess.PIPE
     # Leaving the block closes the server's input, at which it ends, and waits for it.
     with (
@@ -137,4 +157,4 @@ def running_peer(python: Path) -> Iterator[Peer]:
             server, stdin=pipe, stdout=pipe, stderr=log, text=True, env=os.environ | _ENVIRONMENT
         ) as process,
     ):
-        yield Peer(process, log, Path(folder))
+        yield Peer(program.name, process, log, Path(folder))

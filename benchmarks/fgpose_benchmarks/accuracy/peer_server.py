@@ -2,7 +2,7 @@
 
 Writes {"version"} when it is ready. Then reads one JSON request a line and writes one JSON answer a line:
 {"recording": npz file, "settings": keywords of triangulate_optim, "scores": whether it gets the confidences, "output":
-npy file} -> {"wall_s", "cpu_s"}.
+npz file} -> {"wall_s", "cpu_s"}.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _answer(request: dict[str, Any]) -> dict[str, float]:
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     positions_m = group.triangulate_optim(points, **settings)
     wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-    np.save(request["output"], positions_m)
+    np.savez(request["output"], positions_m=positions_m)
     return {"wall_s": wall_s, "cpu_s": cpu_s}
 
 

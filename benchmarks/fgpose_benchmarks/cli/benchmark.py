@@ -57,6 +57,8 @@ class Open(MethodComparison):
         Path | None, arg(metavar="PYTHON", help_behavior_hint="(default: .venv/bench/bin/python)")
     ] = None
     """Python of an environment that has aniposelib; without one its lines are left out."""
+    eks: Annotated[Path | None, arg(metavar="PYTHON", help_behavior_hint="(default: .venv/eks/bin/python)")] = None
+    """The same for the Ensemble Kalman Smoother, which takes some minutes for each recording."""
     check: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
     """Compare the errors with those that --store has written, and fail if they differ. Without aniposelib."""
     store: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
@@ -108,9 +110,10 @@ class Open(MethodComparison):
     def _methods(self) -> list[Method]:
         from fgpose_benchmarks.accuracy.ablation import ablations
         from fgpose_benchmarks.accuracy.methods import find_methods, methods
-        from fgpose_benchmarks.accuracy.peer import find_peer
+        from fgpose_benchmarks.accuracy.peer import EKS, find_peer
 
-        every = ablations() if self.ablation else methods(None if self._without_peer else find_peer(self.aniposelib))
+        peers = () if self._without_peer else (find_peer(self.aniposelib), find_peer(self.eks, EKS))
+        every = ablations() if self.ablation else methods(*peers)
         if self.methods:
             return find_methods(tuple(dict.fromkeys(self.methods)), every)
         return [method for method in every if not (self.quick and method.name in _NOT_QUICK)]

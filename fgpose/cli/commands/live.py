@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from fgpose.monocular.network import Network
     from fgpose.skeleton import Skeleton
 
-_OF_THE_PRESENT = {"distances", "distances_port", "poses_port", "input_keys", "duration_s"}
+_OF_THE_PRESENT = {"distances", "distances_port", "poses_port", "input_keys", "duration_s", "resume"}
 _EVERY_S = 0.5  # the line of the terminal changes so often
 
 
@@ -49,6 +49,9 @@ class Live(LiveOutputs, LiveInputs):
 
     config: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
     """TOML file of parameters, as those in configs/."""
+    resume: Annotated[Path | None, arg(metavar="FILE.json", help_behavior_hint="(default: none)")] = None
+    """Go on from this file, if it is there: with the numbers of people, how they are recognised, and what motion has
+    told of the clocks. It is kept up to date for the next start."""
     replay: Annotated[Path | None, arg(metavar="FILE.fgpose", help_behavior_hint="(default: none)")] = None
     """Run a recording again in place of cameras: the same detections through the same estimator, in real time. Says how
     far the people are from those recorded."""
@@ -63,11 +66,13 @@ class Live(LiveOutputs, LiveInputs):
 
     def _run(self) -> int:
         from fgpose.config import Config, load_config
+        from fgpose.io.live.tracker_memory import load_memory
         from fgpose.io.made_by import refuse_others
         from fgpose.live.cameras.rig_file import load_live_rig
         from fgpose.live.clock import Clock
         from fgpose.live.processes.camera_feed import CameraFeed
         from fgpose.live.reception.input_keys import InputKeys
+        from fgpose.live.recording.memory_file import MemoryFile
         from fgpose.live.system import LiveSystem
         from fgpose.live.tracking.live_tracking import LiveTracking
         from fgpose.live.tracking.observed import volume_points_m
@@ -87,6 +92,9 @@ class Live(LiveOutputs, LiveInputs):
         config = Config() if self.config is None else load_config(self.config)
         live_rig, clock = load_live_rig(self.rig), Clock()
         open_network, skeleton = self._detector(live_rig)
+        memory = None
+        if self.resume is not None and self.resume.exists():
+            memory = load_memory(self.resume, live_rig.rig, skeleton, config)
         with _on_signals(_interrupt), ExitStack() as stack:
             consumers = Consumers(clock)
             show, parts = consumers.show_image, consumers.parts
@@ -96,12 +104,16 @@ class Live(LiveOutputs, LiveInputs):
                 CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=show, parts=parts)
             )
             consumers.open(stack, self, feed.rig, skeleton, config)
-            tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig), parts)
+            tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig), parts, memory)
             stack.callback(tracking.close)
+            if self.resume is not None:
+                kept = MemoryFile(self.resume, tracking, live_rig.rig, config, consumers.tell, parts)
+                stack.callback(kept.close)
+                consumers.observers.append(kept.observe)
             self._receive(stack, feed, skeleton, consumers)
             line = stack.enter_context(StatusLine(console))
             system = LiveSystem(feed, tracking, [*consumers.frames, line], consumers.observers, clock, parts)
-            with _on_signals(system.stop):
+            with _on_signals(system.stop), system.never_silent():
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         new_console().print(_table(system.report))
         return consumers.say_states()
@@ -182,9 +194,10 @@ def _table(report: LiveStatistics) -> Table:
     from rich.table import Table
 
     median_ms, p95_ms, p99_ms = (report.latency_ms(percent) for percent in (50.0, 95.0, 99.0))
+    latency = f"median {median_ms:.0f} ms, 95 % {p95_ms:.0f} ms, 99 % {p99_ms:.0f} ms"
     table = Table(
-        title=f"{report.n_frames} frames; from image to frame: median {median_ms:.0f} ms, 95 % {p95_ms:.0f} ms, "
-        f"99 % {p99_ms:.0f} ms",
+        title=f"{report.n_frames} frames; "
+        + ("no image came" if math.isnan(median_ms) else f"from image to frame: {latency}"),
         title_justify="left",
         box=box.HORIZONTALS,
         collapse_padding=True,

@@ -71,6 +71,10 @@ class RunningOffsets:
         self.sigma_s[:1] = 0.0
         self._newest_s = -np.inf
 
+    def go_on(self, told: OffsetEvidence, time_s: float) -> None:
+        """Know what was told until a time, before any frame is added."""
+        self._told, self._newest_s = told, time_s
+
     @property
     def evidence(self) -> OffsetEvidence:
         """Of the frames that were added here."""

@@ -148,6 +148,7 @@ class LiveCamera:
         """Say it, once, if the state has changed. To be called several times a second."""
         now_s = self.clock.now_s()
         with self._lock:
+            self._health.look(now_s)
             verdict, said = self._health.verdict(now_s), self._said
             # Reasons of other faults have numbers that change.
             is_new = verdict.fault != said.fault or (verdict.fault == "failed" and verdict.reason != said.reason)

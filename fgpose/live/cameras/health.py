@@ -25,6 +25,9 @@ _WINDOW_S, _N_WINDOWS, _FEWEST_WINDOWS = 2.0, 300, 3
 _DAMAGED_SHARE = 0.2
 # A fault is over when it has been away for so long: states do not flicker.
 _OVER_S = 1.0
+# Nobody looks for so long only where this computer does something else, which is no fault of a camera. It may be that
+# who should look hangs, so that not more than this is excused.
+_UNATTENDED_S, _MOST_UNATTENDED_S = 0.5, 2.0
 # More images than come in the seconds that are looked back.
 _MANY = 2048
 
@@ -76,6 +79,8 @@ class Health:
         self._window_end_s = -np.inf
         self._n_in_window = 0
         self._flows_since_s = -np.inf
+        self._looked_s, self._unattended_s = np.nan, 0.0
+        """When somebody looked last, and for how long nobody did since the newest image came."""
         self._fixed: tuple[str, str] | None = ("connecting", "connecting")
         self._seen: dict[str, tuple[float, str]] = {}
 
@@ -93,13 +98,18 @@ class Health:
 
     def add(self, arrived_s: float, captured_s: float, faults: dict[str, str], *, is_damaged: bool) -> None:
         """An image has arrived, in which these faults were found."""
-        self._fixed = None
+        self._fixed, self._unattended_s = None, 0.0
         if arrived_s - self._last_s > self._silent_s():
             self._flows_since_s, self._window_end_s = arrived_s, -np.inf
         self._arrivals.append((arrived_s, arrived_s - captured_s, is_damaged))
         self._count(arrived_s)
         for name, reason in faults.items():
             self._seen[name] = arrived_s, reason
+
+    def look(self, now_s: float) -> None:
+        """Somebody looks, as they do several times a second; time in which nobody did is not silence of the camera."""
+        self._unattended_s += self._unlooked_s(now_s)
+        self._looked_s = now_s
 
     def saw(self, fault: str, reason: str, now_s: float) -> None:
         """A fault that no image shows."""
@@ -132,6 +142,11 @@ class Health:
         """When the newest image arrived, or the source was opened."""
         return max(self._arrivals[-1][0] if self._arrivals else -np.inf, self._flows_since_s)
 
+    def _unlooked_s(self, now_s: float) -> float:
+        """Since somebody looked last, or the newest image came, where that is longer than it should be."""
+        since_s = now_s - np.fmax(self._looked_s, self._last_s)
+        return float(since_s) if np.isfinite(self._looked_s) and since_s > _UNATTENDED_S else 0.0
+
     def _silent_s(self) -> float:
         """Nothing for longer than this is a fault."""
         if self._usual_hz:
@@ -163,7 +178,8 @@ class Health:
     def _faults_of_times(self, now_s: float) -> dict[str, str]:
         faults = {}
         usual_hz, last_s, recent_s = self._usual_hz, self._last_s, self._recent_s()
-        if now_s - last_s > self._silent_s():
+        excused_s = min(self._unattended_s + self._unlooked_s(now_s), _MOST_UNATTENDED_S)
+        if now_s - last_s - excused_s > self._silent_s():
             return {"silent": "no image comes"}
         if usual_hz and last_s - self._flows_since_s > 2 * recent_s:
             # Up to the newest image: what comes after it is silence.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from functools import partial
 
 from fgpose.config import OnlineConfig
@@ -20,6 +21,7 @@ from fgpose.live.frame import CameraStatus
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import Worker
 from fgpose.live.sources import ImageSource, SourceError, open_source
+from fgpose.live.sources.address import kind_of
 from fgpose.live.sources.playback import Playback
 
 _LOOKS_S = 0.2
@@ -28,7 +30,8 @@ _LOOKS_S = 0.2
 class LiveCameras:
     """The cameras of a rig: ``with LiveCameras(load_live_rig(path), clock) as cameras`` reads them.
 
-    All sources are opened before any is read, so that what is wrong with them is known before any work is done.
+    All sources are opened before any is read, so that what is wrong with them is known before any work is done. A
+    device or stream that cannot be opened may be switched on later: it is tried again, as one that has failed.
 
     Args:
         live_rig: cameras and sources, none of which is ``zmq``.
@@ -43,7 +46,7 @@ class LiveCameras:
         UserWarning: the size of the images differs from the calibration's in a way that can be explained.
 
     Raises:
-        ValueError: a source cannot be opened or its images do not fit the calibration; one line for each.
+        ValueError: a recording cannot be opened, or images do not fit the calibration; one line for each recording.
         ImportError: a library is not installed.
     """
 
@@ -71,14 +74,17 @@ class LiveCameras:
             name: partial(open_source, name, settings, clock, self.playback)
             for name, settings in live_rig.sources.items()
         }
-        opened = {} if is_known else _open_all(openers, _longest_s(live_rig))
+        opened, problems = ({}, {}) if is_known else _open_all(openers, _longest_s(live_rig))
         try:
+            _refuse_recordings(live_rig, problems)
             self.rig = _fitted(live_rig, opened)
             """With the intrinsics of the images that really come."""
         except ValueError:
             for source in opened.values():
                 source.close()
             raise
+        self.awaited = {name: error.reason for name, error in problems.items()}
+        """Cameras that could not be opened, and why."""
         size_px = {camera.name: camera.size_px for camera in self.rig.cameras}
         self._readers = [
             CameraReader(camera, self.mailboxes[name], openers[name], size_px[name], opened.get(name), parts)
@@ -95,6 +101,8 @@ class LiveCameras:
 
     def start(self) -> None:
         """Read from now on."""
+        for name, reason in self.awaited.items():
+            self.cameras[name].failed(reason)
         for reader in self._readers:
             reader.start()
         self._watcher.start()
@@ -126,34 +134,60 @@ def _longest_s(live_rig: LiveRig) -> float:
     return HANGS * max((settings.timeout_s for settings in live_rig.sources.values()), default=0.0)
 
 
-def _open_all(openers: Mapping[str, Callable[[], ImageSource]], longest_s: float) -> dict[str, ImageSource]:
-    """All sources at once, as each may take seconds. Raises ValueError with the problems of all."""
+def _open_all(
+    openers: Mapping[str, Callable[[], ImageSource]], longest_s: float
+) -> tuple[dict[str, ImageSource], dict[str, SourceError]]:
+    """All sources at once, as each may take seconds: those that are open, and what is wrong with the others. Raises
+    what is not the fault of a source."""
+    opening = {name: _opening(opener) for name, opener in openers.items()}
     end_s = time.monotonic() + longest_s
     opened: dict[str, ImageSource] = {}
-    problems: dict[str, Exception] = {}
-
-    def open_one(name: str) -> None:
+    problems: dict[str, SourceError] = {}
+    others: list[Exception] = []
+    for name, source in opening.items():
         try:
-            opened[name] = openers[name]()
-        except Exception as error:
+            opened[name] = source.result(max(end_s - time.monotonic(), 0.0))
+        except SourceError as error:
             problems[name] = error
-
-    threads = [threading.Thread(target=open_one, args=(name,), daemon=True) for name in openers]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(max(end_s - time.monotonic(), 0.0))
-    for name in openers:
-        if name not in opened and name not in problems:
+        except TimeoutError:
             problems[name] = SourceError(name, "its source", f"opening it hangs for {longest_s:g} s")
-    if not problems:
-        return {name: opened[name] for name in openers}
-    for source in opened.values():
-        source.close()
-    for error in problems.values():
-        if not isinstance(error, SourceError):
-            raise error
-    raise ValueError("\n".join(str(problems[name]) for name in openers if name in problems))
+            source.add_done_callback(_close_late)
+        except Exception as error:
+            others.append(error)
+    if others:
+        for source in opened.values():
+            source.close()
+        raise others[0]
+    return opened, problems
+
+
+def _opening(opener: Callable[[], ImageSource]) -> Future[ImageSource]:
+    """A source that is opened in a thread which nobody waits for in the end."""
+    source = Future[ImageSource]()
+
+    def run() -> None:
+        try:
+            source.set_result(opener())
+        except Exception as error:
+            source.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return source
+
+
+def _close_late(source: Future[ImageSource]) -> None:
+    """What is open now was given up: a device can be opened once only."""
+    if source.exception() is None:
+        source.result().close()
+
+
+def _refuse_recordings(live_rig: LiveRig, problems: Mapping[str, SourceError]) -> None:
+    """Those that cannot be opened will not be there later either. Raises ValueError with one line for each."""
+    wrong = [
+        str(error) for name, error in problems.items() if kind_of(live_rig.sources[name].source) in ("file", "folder")
+    ]
+    if wrong:
+        raise ValueError("\n".join(wrong))
 
 
 def _fitted(live_rig: LiveRig, opened: Mapping[str, ImageSource]) -> CameraRig:

@@ -22,6 +22,7 @@ from fgpose.child_process import ChildProcess, parent
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import CameraState, LiveFrame, LivePerson
+from fgpose.live.processes.priority import give_way
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
@@ -118,6 +119,7 @@ def serve() -> None:
     """Show what the parent sends, until it sends None or has ended."""
     with parent() as (receive, send):
         job: ViewerJob = receive()
+        give_way(0)
         try:
             recording = open_system_recording(job.path, job.rig, job.skeleton, live=job.live, port=job.port, up=job.up)
         except Exception as error:

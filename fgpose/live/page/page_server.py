@@ -19,6 +19,8 @@ from collections.abc import Callable, Iterable
 from multiprocessing.connection import Connection
 from typing import Any
 
+from fgpose.live.processes.priority import give_way
+
 STATIC = "/"
 """The path whose content never gets old."""
 
@@ -133,7 +135,7 @@ def main() -> None:
 
     listening, connected = map(int, sys.argv[1:])
     # The cameras come first.
-    os.nice(5)
+    give_way(5)
     logging.getLogger("waitress").setLevel(logging.ERROR)
     contents = Contents(Connection(connected))
     threading.Thread(target=contents.receive, daemon=True).start()

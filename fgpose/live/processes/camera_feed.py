@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,6 +25,7 @@ from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.pending_detections import PendingDetections
 from fgpose.monocular.network import Network
 
+_LOG = logging.getLogger("fgpose.live")
 ELSEWHERE = "zmq"
 """The source of cameras whose keypoints are received."""
 
@@ -31,7 +33,8 @@ ELSEWHERE = "zmq"
 class CameraFeed:
     """The cameras of a rig, read from now on, and what networks find in their images. It is a Feed.
 
-    All sources are opened before any is read, so that what is wrong with them is known before any work is done.
+    All sources are opened before any is read, so that what is wrong with them is known before any work is done. A
+    device or stream that cannot be opened is tried again, see LiveCameras.
 
     Args:
         live_rig: cameras and sources.
@@ -49,7 +52,7 @@ class CameraFeed:
         UserWarning: the size of the images differs from the calibration's in a way that can be explained.
 
     Raises:
-        ValueError: a source cannot be opened or its images do not fit the calibration, with one line for each; or there
+        ValueError: a recording cannot be opened or images do not fit the calibration, with one line for each; or there
             is no network for images.
         ImportError: a library is not installed.
         OSError: a process cannot be started, or ends at once.
@@ -94,6 +97,8 @@ class CameraFeed:
             raise
         self.rig = _joined(live_rig.rig, [each.rig for each in opened])
         """With the intrinsics of the images that really come."""
+        if len(self.rig.names) == sum(len(each.awaited) for each in opened):
+            _LOG.warning("no camera can be opened: waiting for them")
         begin = Begin(clock.now_s(), max((each.period_s for each in opened), default=0.0))
         for process in self._processes:
             process.begin(begin)

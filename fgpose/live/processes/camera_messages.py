@@ -33,12 +33,14 @@ class CameraJob:
 
 @dataclass(frozen=True)
 class Opened:
-    """The sources are open."""
+    """The sources are open that can be."""
 
     rig: CameraRig
     period_s: float
     """Length of the longest recording."""
     warnings: tuple[str, ...]
+    awaited: tuple[str, ...]
+    """Cameras that could not be opened."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from fgpose.live.clock import Clock
 from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened, SmallPicture
 from fgpose.live.processes.detectors import Detectors
 from fgpose.live.processes.parts import Parts
+from fgpose.live.processes.priority import threads_give_way
 from fgpose.live.processes.worker import PartEndedError, Worker
 from fgpose.monocular.network import Network
 
@@ -36,14 +37,17 @@ def serve() -> None:
         logger.setLevel(logging.INFO)
         logger.addHandler(_Sender(send))
         try:
-            network, clock = job.open_network(), Clock(job.unix_minus_monotonic_s)
+            # Whoever started this process has opened the network before, and said what there is to say.
+            with threads_give_way(), warnings.catch_warnings(action="ignore", category=UserWarning):
+                network = job.open_network()
+            clock = Clock(job.unix_minus_monotonic_s)
             parts = Parts(clock.now_s, on_restart=send)
             cameras, said = _opened(job, clock, parts, send)
         # Raised by CameraProcess.opened.
         except Exception as error:
             send(error)
             return
-        send(Opened(cameras.rig, cameras.playback.period_s, said))
+        send(Opened(cameras.rig, cameras.playback.period_s, said, tuple(cameras.awaited)))
         begin: Begin = receive()
         cameras.playback.begin(begin.start_s, begin.period_s)
         _serve(cameras, network, job, parts, receive, send)

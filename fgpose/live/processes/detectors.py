@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -15,6 +13,7 @@ from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.image import Image
 from fgpose.live.cameras.running import LiveCameras
 from fgpose.live.processes.parts import Parts
+from fgpose.live.processes.priority import give_way
 from fgpose.live.processes.worker import Worker
 from fgpose.monocular.detected import detections_of
 from fgpose.monocular.network import Network, Tracker
@@ -94,7 +93,8 @@ class Detectors:
             worker.close(_JOIN_S)
 
     def _run(self) -> None:
-        _give_way()
+        # An image at which no network looks is left out, one that is decoded late makes all that follow late.
+        give_way(_NICE)
         while not self._stopped.is_set():
             image, is_looked_at = self._take(), False
             if image is None:
@@ -142,10 +142,3 @@ class Detectors:
         self._failed.discard(image.camera)
         self._deliver(image.recorded(detections_of(camera, image.captured_s, found)))
         return True
-
-
-def _give_way() -> None:
-    """Let this thread have what is left by those that read the cameras and by the tracker: an image at which no network
-    looks is left out, one that is decoded late makes all that follow late."""
-    if sys.platform == "linux":  # elsewhere priorities are those of whole processes
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)

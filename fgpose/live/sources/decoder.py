@@ -32,7 +32,8 @@ class Decoder:
     """
 
     def __init__(self, name: str, source: str, kind: Kind, settings: CameraSource) -> None:
-        self._name, self._source, self._timeout_s = name, source, settings.timeout_s
+        self._name, self._timeout_s = name, settings.timeout_s
+        self._source = f"/dev/video{source}" if source.isdecimal() else source
         self.sender_minus_stamp_s: float | None = None
         """Unix time by the sender's clock minus the stamp of a frame; None: it has not said."""
         self._container = self._open(kind, settings)
@@ -52,7 +53,7 @@ class Decoder:
             if kind == "file":
                 check_plain(Path(self._source))
             return av.open(
-                f"/dev/video{self._source}" if self._source.isdecimal() else self._source,
+                self._source,
                 format="video4linux2" if kind == "device" else None,
                 options=_options(self._source, kind, settings),
                 timeout=None if kind == "file" else settings.timeout_s,

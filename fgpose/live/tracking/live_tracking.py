@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -13,12 +13,14 @@ from fgpose.association.track import Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
+from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.live.cameras.frozen_keypoints import are_same
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.frame import CameraStatus, LiveFrame, LivePerson, Restarts
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.agreement import CameraAgreement
+from fgpose.live.tracking.known import Known, KnownCamera
 from fgpose.live.tracking.moments import Moments
-from fgpose.live.tracking.observed import observed_share
+from fgpose.live.tracking.observed import ObservedVolume
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.tracking import Tracker
@@ -27,12 +29,8 @@ from fgpose.tracking import Tracker
 _ANSWERS_WITHIN_S = 1.0
 # At the processes of the tracker; two looks tell that one is stopped.
 _LOOKS_S = 0.1
-# Predicted people say so when no image has come for longer than the slowest usual camera takes.
-_COASTS_AFTER_S = 0.2
 # Who came while there was no image for longer is not found yet.
 _GAP_S = 0.5
-# What motion must tell of a clock so that it counts, a tenth of a step, and how much of it is allowed for.
-_TOLD_SIGMA_S, _SIGMAS = 0.03, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +43,7 @@ class Update:
 
 
 class LiveTracking:
-    """The tracker of a live system. It is used from one thread.
+    """The tracker of a live system. It is used from one thread, but for frame_without_news.
 
     Images of one moment are given together; one that comes later than its moment is still used at its own time, unless
     it is older than the lag. One that shows everybody at the very pixels of the one before is not used. Where the times
@@ -56,17 +54,26 @@ class LiveTracking:
         rig, skeleton, config: as of fgpose.Tracker.
         volume_m: (N, 3) points of the volume of which frames say how much is observed.
         parts: told when the tracker or one of its processes has ended.
+        memory: of a system before, whose people may be recognised.
     """
 
     def __init__(
-        self, rig: CameraRig, skeleton: Skeleton, config: Config, volume_m: np.ndarray, parts: Parts | None = None
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: Config,
+        volume_m: np.ndarray,
+        parts: Parts | None = None,
+        memory: TrackerMemory | None = None,
     ) -> None:
         self._parts = parts or Parts()
         self.rig, self.skeleton = rig, skeleton
         self.config = config.replace(online={"estimate_time_offsets": True})
         self._time_sigma_s = np.zeros(rig.n_cameras)
-        self._volume_m = volume_m
+        self._memory = memory
+        self._volume = ObservedVolume(rig, volume_m)
         self._tracker = self._new_tracker()
+        self._tracker.await_ready()
         self._agreement = CameraAgreement(rig)
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
@@ -78,14 +85,14 @@ class LiveTracking:
         self._people: tuple[LivePerson, ...] = ()
         self._since_s = np.nan
         """When the first image was taken that the tracker has used."""
-        self._share: tuple[frozenset[str], float] = frozenset(), 0.0
-        """How much of the volume these cameras observe."""
         self._looked_s = -np.inf
         self._n_repairs: dict[int, int] = {}
         """Of the estimator of each person, so far."""
         self._n_used: Counter[str] = Counter()
         self._n_lost: Counter[str] = Counter()
-        self._sequence = 0
+        self._sequence = itertools.count()
+        self._known = self._now_known()
+        """As the last frame says it."""
         self.on_taken: Callable[[Collection[str]], None] = lambda camera_names: None
         """Told of the cameras whose detections are about to be used, or are lost."""
         self.n_failures = 0
@@ -125,24 +132,14 @@ class LiveTracking:
 
     def frame(self, now_s: float, cameras: Sequence[CameraStatus], restarts: tuple[Restarts, ...] = ()) -> LiveFrame:
         """What can be said now. The images of the cameras that were used, or not, are added to their statuses."""
-        unseen_s = now_s - self.newest_s
-        people = self._people
-        if unseen_s > _COASTS_AFTER_S:
-            people = tuple(person.coasting(unseen_s) for person in people)
-        told = self._told(cameras)
-        frame = LiveFrame(
-            sequence=self._sequence,
-            time_s=self._frame_s if self._image_s else np.nan,
-            published_s=now_s,
-            skeleton=self.skeleton,
-            people=people,
-            cameras=told,
-            observed_share=self._observed_share(told),
-            tracking_since_s=self._since_s,
-            restarts=restarts,
-        )
-        self._sequence += 1
-        return frame
+        self._known = self._now_known()
+        return self.frame_without_news(now_s, cameras, restarts)
+
+    def frame_without_news(
+        self, now_s: float, cameras: Sequence[CameraStatus], restarts: tuple[Restarts, ...] = ()
+    ) -> LiveFrame:
+        """What could be said when frame was last asked, at a later time. Any thread may ask, whatever hangs."""
+        return self._known.frame(next(self._sequence), now_s, cameras, restarts)
 
     def tidy(self) -> None:
         """Do what can be done before the next images come. To be called when what is known has been published."""
@@ -161,6 +158,11 @@ class LiveTracking:
         self._moments, self._arrived = Moments(), {}
         self._forget_people()
         self.on_taken(self.rig.names)
+
+    def memory(self) -> TrackerMemory | None:
+        """Of the tracker, see Tracker.memory; a new one goes on from what this last gave."""
+        self._memory = self._tracker.memory() or self._memory
+        return self._memory
 
     def close(self) -> None:
         """End the processes of the tracker."""
@@ -246,48 +248,26 @@ class LiveTracking:
         self._tracker = self._new_tracker()
 
     def _new_tracker(self) -> Tracker:
-        return Tracker(self.rig, self.skeleton, self.config, answers_within_s=_ANSWERS_WITHIN_S)
+        return Tracker(self.rig, self.skeleton, self.config, answers_within_s=_ANSWERS_WITHIN_S, memory=self._memory)
 
     def _is_too_old(self, detections: Detections) -> bool:
         return detections.time_s < self.newest_s - self.config.online.lag_s
 
-    def _observed_share(self, cameras: Sequence[CameraStatus]) -> float:
-        ok = frozenset(camera.name for camera in cameras if camera.state is CameraState.OK)
-        if ok != self._share[0]:
-            self._share = ok, observed_share(self.rig, ok, self._volume_m)
-        return self._share[1]
-
-    def _told(self, cameras: Sequence[CameraStatus]) -> tuple[CameraStatus, ...]:
-        """With what is known here: the images that were used, and what the motion tells of the clocks."""
+    def _now_known(self) -> Known:
         offsets = self._tracker.offsets
         offset_s, sigma_s = offsets.relative() if offsets.has_told else (None, None)
-        told = []
-        for camera in cameras:
-            c = self.rig.names.index(camera.name)
-            n_used, n_lost = self._n_used[camera.name], camera.n_lost + self._n_lost[camera.name]
-            changes: dict[str, Any] = {"n_used": n_used, "n_lost": n_lost}
+        cameras = {}
+        for c, name in enumerate(self.rig.names):
+            known = KnownCamera(self._n_used[name], self._n_lost[name], fault=self._agreement.faults.get(name, ""))
             if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
-                motion_sigma_s = float(sigma_s[c])
-                changes |= {"motion_offset_s": float(offset_s[c]), "motion_sigma_s": motion_sigma_s}
-                if is_told_by_motion(camera.name, motion_sigma_s, cameras):
-                    changes["unproven_s"] = _SIGMAS * motion_sigma_s
-            camera = replace(camera, **changes)
-            if camera.name in self._agreement.faults:
-                camera = _doubtful(camera, self._agreement.faults[camera.name])
-            told.append(camera)
-        return tuple(told)
-
-
-def is_told_by_motion(name: str, motion_sigma_s: float, cameras: Sequence[CameraStatus]) -> bool:
-    """How old the images of a camera are, beside those of another camera of which it is proven."""
-    return motion_sigma_s < _TOLD_SIGMA_S and any(
-        each.unproven_s == 0 and each.name != name and each.state is CameraState.OK for each in cameras
-    )
-
-
-def _doubtful(camera: CameraStatus, reason: str) -> CameraStatus:
-    """With another fault; the graver one is said first."""
-    is_graver = camera.state in (CameraState.OK, CameraState.LATE)
-    reasons = (reason, camera.reason) if is_graver else (camera.reason, reason)
-    state = CameraState.DOUBTFUL if is_graver else camera.state
-    return replace(camera, state=state, reason="; ".join(filter(None, reasons)))
+                known = replace(known, motion_offset_s=float(offset_s[c]), motion_sigma_s=float(sigma_s[c]))
+            cameras[name] = known
+        return Known(
+            skeleton=self.skeleton,
+            volume=self._volume,
+            people=self._people,
+            time_s=self._frame_s if self._image_s else np.nan,
+            newest_s=self.newest_s,
+            since_s=self._since_s,
+            cameras=cameras,
+        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +69,25 @@ def observed_share(rig: CameraRig, ok_cameras: Collection[str], points_m: Float[
     if not len(points_m):
         return 0.0
     return float((in_views(rig, points_m)[:, is_ok].sum(axis=1) >= 2).mean())
+
+
+class ObservedVolume:
+    """How much of a volume cameras observe. Any thread may ask; the last answer is remembered.
+
+    Args:
+        rig, points_m: as of observed_share.
+    """
+
+    def __init__(self, rig: CameraRig, points_m: Float[np.ndarray, "point 3"]) -> None:
+        self._rig, self._points_m = rig, points_m
+        self._last: tuple[frozenset[str], float] = frozenset(), 0.0
+
+    def share(self, ok_cameras: Iterable[str]) -> float:
+        """See observed_share."""
+        ok, last = frozenset(ok_cameras), self._last
+        if ok != last[0]:
+            last = self._last = ok, observed_share(self._rig, ok, self._points_m)
+        return last[1]
 
 
 def volume_points_m(rig: CameraRig, volume: Volume | None = None) -> Float[np.ndarray, "point 3"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ Shape = tuple[int | str | None, ...]
 
 _FLOAT32 = "tensor(float)"
 _FATAL = 4  # onnxruntime's number of this level
+_WARNED: set[str] = set()
+"""Devices of which is said that they do not start."""
 
 
 def open_session(path: Path, threads: int = 1, device: Device = "auto") -> InferenceSession:
@@ -26,7 +29,11 @@ def open_session(path: Path, threads: int = 1, device: Device = "auto") -> Infer
     Args:
         path: the ONNX file.
         threads: how many threads of the processor one run may use.
-        device: where it runs. With auto on the processor, if what is there does not start.
+        device: where it runs. With auto on the processor, if what is there does not start. A run raises OSError, which
+            names the device, if a device fails that is not the processor.
+
+    Warns:
+        UserWarning: the device that auto takes does not start; once in a process.
 
     Raises:
         OSError: there is no such file, or it cannot be read.
@@ -40,10 +47,14 @@ def open_session(path: Path, threads: int = 1, device: Device = "auto") -> Infer
     path.open("rb").close()  # onnxruntime reports a file that may not be read as one that is damaged
     providers = providers_of(device)
     if device == "auto" and providers[0] != CPU:
+        reason = "drivers or libraries that it needs are missing or too old"
         try:
-            return _opened(path, threads, providers)
-        except ValueError:
-            providers = [CPU]
+            session = _opened(path, threads, providers)
+        except ValueError as error:
+            session, reason = _opened(path, threads, [CPU]), str(error)
+        if session.get_providers()[0] == CPU:
+            _warn_of_processor(device_of(providers[0]), reason)
+        return session
     session = _opened(path, threads, providers)
     if session.get_providers()[0] != providers[0]:
         raise ValueError(
@@ -76,7 +87,35 @@ def _opened(path: Path, threads: int, providers: list[str]) -> InferenceSession:
         raise ValueError(f"{path} is not an ONNX network that onnxruntime can run{where}: {reason}") from None
     if one_at_a_time:
         session.run = _in_turns(session.run)
+    if (provider := session.get_providers()[0]) != CPU:
+        session.run = _naming(session.run, path, device_of(provider))
     return session
+
+
+def _warn_of_processor(device: str, reason: str) -> None:
+    """Once: every network of a process would say the same."""
+    if device not in _WARNED:
+        _WARNED.add(device)
+        warnings.warn(
+            f"networks run on the processor, as {device} does not start: {reason}; --device cpu takes the processor"
+            " without this warning",
+            stacklevel=3,
+        )
+
+
+def _naming(run: Callable[..., Any], path: Path, device: str) -> Callable[..., Any]:
+    """A function that says which device has failed."""
+
+    def run_on_device(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return run(*args, **kwargs)
+        except Exception as error:  # as above
+            reason = str(error).strip().partition("\n")[0]
+            raise OSError(
+                f"device {device} has failed while it ran {path}: {reason}; with --device cpu it runs on the processor"
+            ) from error
+
+    return run_on_device
 
 
 def _in_turns(run: Callable[..., Any]) -> Callable[..., Any]:

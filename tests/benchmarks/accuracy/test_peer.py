@@ -29,7 +29,10 @@ for line in sys.stdin:
     if value == 13:
         sys.exit("out of luck")
     frames, cameras, joints, _ = recording["undistorted_px"].shape
-    np.save(request["output"], np.full((frames, joints, 3), value))
+    solved = {"positions_m": np.full((frames, joints, 3), value)}
+    if "inflate_vars" in request["settings"]:
+        solved["variance_m2"] = np.full((frames, joints, 3), 4.0)
+    np.savez(request["output"], **solved)
     print(json.dumps({"wall_s": 1.0 + value, "cpu_s": 2.0}), flush=True)
 """
 
@@ -56,6 +59,13 @@ def test_requests_and_answers(stand_in):
             result = peer.solve(RECORDING.observations, RECORDING.rig, given)
             np.testing.assert_array_equal(result.positions_m, np.full(RECORDING.truth_m.shape, value))
             assert (result.wall_s, result.cpu_s) == (1.0 + value, 2.0)
+
+
+def test_variances_that_it_states_are_taken(stand_in):
+    result = lines._smoothed(stand_in, PeerSettings(optim={"inflate_vars": True}), RECORDING)
+    lines._peer.cache_clear()
+    assert result.covariance_m2 is not None
+    np.testing.assert_array_equal(result.covariance_m2, np.broadcast_to(4.0 * np.eye(3), result.covariance_m2.shape))
 
 
 def test_its_death_tells_what_it_wrote(stand_in):

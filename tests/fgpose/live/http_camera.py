@@ -19,8 +19,8 @@ class HttpCamera(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, frames: list[np.ndarray], fps: float = 50.0) -> None:
-        super().__init__(("127.0.0.1", 0), _Handler)
+    def __init__(self, frames: list[np.ndarray], fps: float = 50.0, port: int = 0) -> None:
+        super().__init__(("127.0.0.1", port), _Handler)
         self.set_frames(frames)
         self.fps = fps
         self.password: str | None = None
@@ -70,9 +70,9 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def http_camera(frames: list[np.ndarray], fps: float = 50.0) -> Iterator[HttpCamera]:
+def http_camera(frames: list[np.ndarray], fps: float = 50.0, port: int = 0) -> Iterator[HttpCamera]:
     """A camera that is there for a while."""
-    with HttpCamera(frames, fps) as camera:
+    with HttpCamera(frames, fps, port) as camera:
         thread = threading.Thread(target=camera.serve_forever, kwargs={"poll_interval": 0.05})
         thread.start()
         try:

@@ -16,7 +16,9 @@ from test_live_tracking import scene
 
 from fgpose.cli import main
 from fgpose.cli.commands.live import _on_signals
+from fgpose.config import Config
 from fgpose.io.calibration import save_rig
+from fgpose.io.live.tracker_memory import load_memory
 from fgpose.live.frame import CameraState, LiveFrame
 from fgpose.live.link_distance import LinkDistance
 from fgpose.live.outputs.frame_messages import decode_frame
@@ -96,6 +98,7 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
         thread.start()
     arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--duration-s", str(RUN_S)]
     arguments += ["--keypoints-port", str(keypoints_port), "--zmq", str(frames_port), "--record", str(record)]
+    arguments += ["--resume", str(tmp_path / "people.json")]
     try:
         assert main(arguments) == 0
     finally:
@@ -118,6 +121,9 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
     assert frames[-1].observed_share == 0.0
     assert "from image to frame: median" in report
     assert all(name in report for name in scene().rig.names)
+
+    memory = load_memory(tmp_path / "people.json", scene().rig, scene().motion.skeleton, Config())
+    assert len(memory.people) >= 2
 
     recording = load_live_recording(record)
     assert recording.skeleton == scene().motion.skeleton

@@ -72,6 +72,16 @@ def simulation() -> Simulation:
     return simulation
 
 
+def test_a_pause_of_this_computer_is_no_fault_of_a_camera(simulation: Simulation) -> None:
+    simulation.clock.advance(1.9)  # nobody looks, and nothing is read
+    assert simulation.state() is CameraState.OK
+    simulation.camera.look()
+    simulation.run(2)
+    assert simulation.said() == [CameraState.OK]
+    simulation.clock.advance(3.0)  # whoever should look may hang
+    assert simulation.state() is CameraState.LOST
+
+
 def test_a_camera_is_connecting_until_its_first_image() -> None:
     simulation = Simulation()
     assert simulation.state() is CameraState.RECONNECTING

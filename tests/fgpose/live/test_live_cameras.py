@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import queue
+import socket
 import time
 from pathlib import Path
 
 import pytest
+from http_camera import http_camera
 from made_videos import SIZE_PX, counted, pictures, write_video
 
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.live.cameras.camera import CameraEvent
 from fgpose.live.cameras.rig_file import LiveRig
 from fgpose.live.cameras.running import LiveCameras
 from fgpose.live.clock import Clock
@@ -67,14 +71,28 @@ def test_images_of_all_cameras_come_with_their_times(small_rig: CameraRig, video
     assert times_s[a] == pytest.approx(times_s[b], abs=1e-6)  # recordings begin together
 
 
-def test_all_that_is_wrong_is_said_before_any_work(small_rig: CameraRig, videos: list[Path]) -> None:
-    bad = [CameraSource(source=source) for source in ("nothing.mp4", "rtsp://viewer:hunter2@127.0.0.1:1/a")]
+def test_recordings_that_cannot_be_opened_are_said_before_any_work(small_rig: CameraRig, videos: list[Path]) -> None:
+    a, b, _ = small_rig.names
+    bad = [CameraSource(source=source) for source in ("nothing.mp4", "neither.mp4")]
     with pytest.raises(ValueError, match="there is no such thing") as error:
         LiveCameras(live_rig(small_rig, *bad, CameraSource(source=str(videos[0]))), Clock())
-    a, b, _ = small_rig.names
-    lines = str(error.value).splitlines()
-    assert [line.split(":")[0] for line in lines] == [f"camera {a}", f"camera {b}"]
-    assert "hunter2" not in str(error.value)
+    assert [line.split(":")[0] for line in str(error.value).splitlines()] == [f"camera {a}", f"camera {b}"]
+
+
+def test_a_camera_that_is_switched_on_later_joins(small_rig: CameraRig) -> None:
+    one, said = CameraRig(small_rig.cameras[:1]), queue.Queue[CameraEvent]()
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        port = found.getsockname()[1]
+    source = CameraSource(source=f"http://viewer:hunter2@127.0.0.1:{port}/video.mjpg")
+    with LiveCameras(live_rig(one, source), Clock(), on_event=said.put) as cameras:
+        assert [*cameras.awaited] == [*one.names]
+        event = said.get(timeout=LONG_S)
+        assert event.state is CameraState.RECONNECTING
+        assert event.reason == f"http://127.0.0.1:{port}/...: nothing answers there"
+        with http_camera(pictures(20), port=port):
+            while event.state is not CameraState.OK:
+                event = said.get(timeout=LONG_S)
 
 
 def test_images_of_another_size_than_the_calibration(rig: CameraRig, videos: list[Path]) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
@@ -12,10 +14,14 @@ import pytest
 
 import fgpose
 from fgpose.association.track import Tracked, TrackState
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
+from fgpose.io.live.tracker_memory import load_memory, save_memory
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.processes.parts import Parts
-from fgpose.live.tracking.live_tracking import LiveTracking, Update, is_told_by_motion
+from fgpose.live.recording.memory_file import MemoryFile
+from fgpose.live.tracking.known import is_told_by_motion
+from fgpose.live.tracking.live_tracking import LiveTracking, Update
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people_observations import Detections
 from fgpose_benchmarks.synthetic import (
@@ -262,3 +268,49 @@ def test_each_failure_of_gtsam_is_said_once(monkeypatch: pytest.MonkeyPatch) -> 
     (restarts,) = parts.so_far()
     assert (restarts.part, restarts.reason) == ("the graph of an estimator", "GTSAM has failed")
     assert restarts.n == 2 * len(live.frame(0.0, statuses()).people) > 0
+
+
+def test_the_next_system_knows_people_and_clocks(fed: tuple[LiveTracking, list[Update], float], tmp_path: Path) -> None:
+    live, _, now_s = fed
+    path, made_for = tmp_path / "people.json", (scene().rig, scene().motion.skeleton, CONFIG)
+    MemoryFile(path, live, scene().rig, CONFIG).close()
+    memory = load_memory(path, *made_for)
+    assert memory == live.memory()
+    # Numbers that a new tracker would not give, and what nothing here tells.
+    others = tuple(replace(each, person=each.person + 5) for each in memory.people)
+    told = tuple(map(tuple, (1e4 * np.eye(4)).tolist()))
+    memory = replace(memory, n_people=7, people=others, offset_information=told)
+    after = LiveTracking(*made_for, volume_points_m(scene().rig), memory=memory)
+    # Everybody goes back the way they came.
+    images = [replace(image, time_s=2 * now_s - image.time_s) for image in scene().observations.images]
+    _, later_s = feed(after, sorted(images, key=lambda image: image.time_s)[:100])
+    middles_m = [
+        {person.person: np.nanmedian(person.positions_m, axis=0) for person in frame.people}
+        for frame in (live.frame(now_s, statuses()), after.frame(later_s, statuses()))
+    ]
+    assert middles_m[1].keys() == {person + 5 for person in middles_m[0]}
+    for person, middle_m in middles_m[0].items():
+        # They walk at 1.5 m/s at most.
+        assert np.linalg.norm(middles_m[1][person + 5] - middle_m) < 1.5 * (later_s - now_s)
+    known = after.memory()
+    assert known is not None
+    assert known.n_people >= 7
+    assert known.offset_information == told
+
+
+def test_a_memory_that_does_not_fit_is_refused(fed: tuple[LiveTracking, list[Update], float], tmp_path: Path) -> None:
+    made_for = rig, skeleton, config = scene().rig, scene().motion.skeleton, CONFIG
+    memory, path = fed[0].memory(), tmp_path / "people.json"
+    assert memory is not None
+    save_memory(memory, path, *made_for)
+    others = CameraRig(rig.cameras[:3]), skeleton, config.replace(online={"lag_s": 0.2})
+    with pytest.raises(ValueError, match=r"people\.json: it was written with another rig and another configuration"):
+        load_memory(path, *others)
+    document = json.loads(path.read_text())
+    document["memory"]["people"][0]["length_m"].pop()
+    path.write_text(json.dumps(document))
+    with pytest.raises(ValueError, match=r"people\.json: memory\.people: person 0 has not"):
+        load_memory(path, *made_for)
+    path.write_text('{"format": "of somebody else"}')
+    with pytest.raises(ValueError, match=r"people\.json: it is no file of format"):
+        load_memory(path, *made_for)

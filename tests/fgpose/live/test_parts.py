@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import queue
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 from unittest.mock import Mock
 
@@ -15,11 +16,12 @@ from live_frames import live_frame
 from output_frames import wait_until
 from test_live_tracking import CONFIG, scene, statuses
 
+from fgpose.association.track import TrackState
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import LiveCamera
 from fgpose.live.cameras.image import Image, SourceImage
 from fgpose.live.clock import Clock, SimulatedClock
-from fgpose.live.frame import CameraStatus, LiveFrame
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.outputs.frame_messages import decode_frame, encode_frame
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import Worker
@@ -28,7 +30,7 @@ from fgpose.live.reception.keypoint_socket import KeypointSocket
 from fgpose.live.reception.received import KeypointReceiver
 from fgpose.live.sources import CameraSource
 from fgpose.live.system import Feed, LiveSystem
-from fgpose.live.tracking.live_tracking import LiveTracking
+from fgpose.live.tracking.live_tracking import LiveTracking, Update
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.skeleton import Skeleton
 
@@ -181,6 +183,7 @@ class Images(Feed):
 
     def __init__(self, clock: SimulatedClock) -> None:
         self._clock, self._coming = clock, list(scene().observations.images)
+        self.state = CameraState.OK
 
     def take(self, timeout_s: float) -> list[RecordedImage]:
         self._clock.advance(max(timeout_s, 0.01))
@@ -192,7 +195,7 @@ class Images(Feed):
         pass
 
     def statuses(self) -> tuple[CameraStatus, ...]:
-        return statuses()
+        return statuses(self.state)
 
 
 class Run:
@@ -244,6 +247,43 @@ def test_the_system_goes_on_when_a_step_fails(step: str, caplog: pytest.LogCaptu
     assert np.diff([frame.published_s for frame in run.frames]).max() < 0.25
     assert len(run.frames[-1].people) == 2
     assert "tracking ended (KeyError: 'of a camera') and is begun again" in caplog.text
+
+
+def test_while_the_tracker_hangs_frames_say_what_was_known() -> None:
+    frames, hung, notes = queue.Queue[LiveFrame](), list[LiveFrame](), list[str]()
+    clock, rig = SimulatedClock(), scene().rig
+    feed, parts = Images(clock), Parts(clock.now_s, notes.append)
+    tracking = LiveTracking(rig, scene().motion.skeleton, CONFIG, volume_points_m(rig), parts)
+    track, n_calls = tracking.track, itertools.count()
+
+    def hangs(images: Sequence[RecordedImage]) -> Update:
+        if next(n_calls) == 40:
+            feed.state = CameraState.LOST
+            while not frames.empty():
+                frames.get()
+            for _ in range(11):
+                clock.advance(0.2)
+                hung.append(frames.get(timeout=LONG_S))
+        return track(images)
+
+    vars(tracking)["track"] = hangs
+    system = LiveSystem(feed, tracking, [Mock(publish=frames.put)], [], clock, parts)
+    with system.never_silent():
+        system.run(3.5)
+    tracking.close()
+    assert np.diff([frame.published_s for frame in hung]) == pytest.approx(0.2)
+    assert {frame.time_s for frame in hung} == {hung[0].time_s}
+    assert [frame.age_s for frame in hung] == sorted(frame.age_s for frame in hung)
+    assert {camera.state for frame in hung for camera in frame.cameras} == {CameraState.LOST}
+    assert {person.state for frame in hung[1:] for person in frame.people} == {TrackState.COASTING}
+    first, last = hung[1], hung[-1]
+    assert len(last.people) == 2
+    assert np.all(last.people[0].covariance_m2[:, 0, 0] > first.people[0].covariance_m2[:, 0, 0])
+    (note,) = notes
+    assert note.startswith("tracking is not well (it hangs: nothing for 2.")
+    later = [frames.get() for _ in range(frames.qsize())]
+    assert [frame.sequence for frame in later] == [hung[-1].sequence + n for n in range(1, len(later) + 1)]
+    assert later[-1].time_s > hung[-1].time_s or not later[-1].people
 
 
 def test_outputs_and_observers_that_fail_keep_nobody_from_what_is_said() -> None:

@@ -58,7 +58,7 @@ def _start(rig: CameraRig, onto: CameraRig) -> Similarity:
     pairs = zip(rig.cameras, onto.cameras, strict=True)
     turns = sum((new.world_T_camera[:3, :3] @ old.world_T_camera[:3, :3].T for old, new in pairs), np.zeros((3, 3)))
     R = np.array(gtsam.Rot3.ClosestTo(turns).matrix())
-    before, after = rig.positions_m @ R.T, _positions(onto)
+    before, after = rig.positions_m @ R.T, onto.positions_m
     centre_before, centre_after = before.mean(axis=0), after.mean(axis=0)
     square = float(np.sum((before - centre_before) ** 2))
     scale = float(np.sum((before - centre_before) * (after - centre_after))) / square if square > 0 else 1.0

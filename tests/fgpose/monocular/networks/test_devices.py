@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import onnxruntime
@@ -15,7 +16,7 @@ import pytest
 from topdown_networks import FLOAT, Graph
 
 from fgpose.monocular.downloads import models
-from fgpose.monocular.networks import open_network
+from fgpose.monocular.networks import open_network, sessions
 from fgpose.monocular.networks.devices import Device, available_devices, chosen_device
 from fgpose.monocular.networks.sessions import identity, open_session
 
@@ -155,17 +156,34 @@ def test_a_device_of_no_name() -> None:
 
 @pytest.mark.parametrize("raises", [False, True])
 def test_a_device_that_does_not_start_is_an_error_if_it_was_named(
-    raises: bool, network: Path, pretended: Pretended, capfd: pytest.CaptureFixture[str]
+    raises: bool,
+    network: Path,
+    pretended: Pretended,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(sessions, "_WARNED", set())
     pretended.has, pretended.starts, pretended.raises = [TENSORRT, CUDA, CPU], {CPU}, raises
     message = "run on cuda: libcudnn" if raises else f"device cuda: onnxruntime has {CUDA} but could not start it"
     with pytest.raises(ValueError, match=message) as caught:
         open_session(network, device="cuda")
     assert str(network) in str(caught.value)
-    session = open_session(network)
+    with pytest.warns(UserWarning, match="networks run on the processor, as cuda does not start: "):
+        session = open_session(network)
+    open_session(network)  # nothing is said again
     assert session.get_providers() == [CPU]
     assert "cuda" not in identity(network, session)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_device_that_fails_in_a_run_is_named(network: Path, pretended: Pretended) -> None:
+    pretended.has = [CUDA, CPU]
+    session = open_session(network)
+    session.run(["sum"], {"image": IMAGES})
+    pretended.within = Mock(side_effect=RuntimeError("CUDA failure 700: an illegal memory access\nat line 7"))
+    message = r"device cuda has failed while it ran .*sum\.onnx: CUDA failure 700: .* access; with --device cpu"
+    with pytest.raises(OSError, match=message):
+        session.run(["sum"], {"image": IMAGES})
 
 
 def test_tensorrt_that_leaves_everything_to_cuda_is_an_error(network: Path, pretended: Pretended) -> None:

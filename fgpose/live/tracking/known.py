@@ -1,0 +1,95 @@
+"""What the tracker knows at one moment, as frames say it at any later time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.tracking.observed import ObservedVolume
+from fgpose.skeleton import Skeleton
+
+# Predicted people say so when no image has come for longer than the slowest usual camera takes.
+_COASTS_AFTER_S = 0.2
+# What motion must tell of a clock so that it counts, a tenth of a step, and how much of it is allowed for.
+_TOLD_SIGMA_S, _SIGMAS = 0.03, 3.0
+
+
+@dataclass(frozen=True)
+class KnownCamera:
+    """What the tracker knows of a camera."""
+
+    n_used: int = 0
+    """Images whose detections entered the estimate."""
+    n_lost: int = 0
+    """Others."""
+    motion_offset_s: float | None = None
+    """See CameraStatus. None also where its times are this computer's."""
+    motion_sigma_s: float | None = None
+    fault: str = ""
+    """It does not agree with the others; in words."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """It never changes, so that any thread may tell it."""
+
+    skeleton: Skeleton
+    volume: ObservedVolume
+    people: tuple[LivePerson, ...]
+    """As of time_s."""
+    time_s: float
+    """Of the people; NaN before the first image."""
+    newest_s: float
+    """When the newest image was taken that was used; -inf: none was."""
+    since_s: float
+    """See LiveFrame.tracking_since_s."""
+    cameras: Mapping[str, KnownCamera]
+
+    def frame(
+        self, sequence: int, now_s: float, cameras: Sequence[CameraStatus], restarts: tuple[Restarts, ...] = ()
+    ) -> LiveFrame:
+        """What it says at a time, beside how the cameras are then: with no news for long, people may be anywhere."""
+        unseen_s = now_s - self.newest_s
+        people = self.people
+        if unseen_s > _COASTS_AFTER_S:
+            people = tuple(person.coasting(unseen_s) for person in people)
+        told = tuple(self._told(camera, cameras) for camera in cameras)
+        return LiveFrame(
+            sequence=sequence,
+            time_s=self.time_s,
+            published_s=now_s,
+            skeleton=self.skeleton,
+            people=people,
+            cameras=told,
+            observed_share=self.volume.share(camera.name for camera in told if camera.state is CameraState.OK),
+            tracking_since_s=self.since_s,
+            restarts=restarts,
+        )
+
+    def _told(self, camera: CameraStatus, cameras: Sequence[CameraStatus]) -> CameraStatus:
+        """With the images that were used, what the motion tells of its clock, and whether it agrees with the others."""
+        known = self.cameras[camera.name]
+        changes: dict[str, Any] = {"n_used": known.n_used, "n_lost": camera.n_lost + known.n_lost}
+        if known.motion_sigma_s is not None:
+            changes |= {"motion_offset_s": known.motion_offset_s, "motion_sigma_s": known.motion_sigma_s}
+            if is_told_by_motion(camera.name, known.motion_sigma_s, cameras):
+                changes["unproven_s"] = _SIGMAS * known.motion_sigma_s
+        camera = replace(camera, **changes)
+        return _doubtful(camera, known.fault) if known.fault else camera
+
+
+def is_told_by_motion(name: str, motion_sigma_s: float, cameras: Sequence[CameraStatus]) -> bool:
+    """How old the images of a camera are, beside those of another camera of which it is proven."""
+    return motion_sigma_s < _TOLD_SIGMA_S and any(
+        each.unproven_s == 0 and each.name != name and each.state is CameraState.OK for each in cameras
+    )
+
+
+def _doubtful(camera: CameraStatus, reason: str) -> CameraStatus:
+    """With another fault; the graver one is said first."""
+    is_graver = camera.state in (CameraState.OK, CameraState.LATE)
+    reasons = (reason, camera.reason) if is_graver else (camera.reason, reason)
+    state = CameraState.DOUBTFUL if is_graver else camera.state
+    return replace(camera, state=state, reason="; ".join(filter(None, reasons)))
