@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rrd_contents import rows
 from scipy.interpolate import CubicSpline
 
 from fgpose.cli import app, main, viewers
@@ -287,6 +288,36 @@ def test_evaluate_against_itself(folder: Path, tmp_path: Path, capsys: pytest.Ca
     assert "left_ankle" in printed
     (mpjpe,) = (line for line in printed.splitlines() if "MPJPE, absolute" in line)
     assert mpjpe.split()[-1] == "0.0"
+
+
+def test_a_part_of_what_the_viewer_shows_by_some_frames(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = ["--output", str(tmp_path), "--formats", "parquet", "rrd", "--rrd-fps", "20"]
+    assert main(["smooth", *source, *options]) == 0
+    rrd, parquet = tmp_path / "walk.rrd", tmp_path / "walk.parquet"
+    said = f"{rrd} shows one frame in 3, 20 a second (--rrd-fps); all of a minute: fgpose view {parquet} --from 0"
+    assert said in capsys.readouterr().out
+    shown: list[list[float]] = []
+
+    def run(command: list[str]) -> int:
+        of_either = (f"/world/{name}/joints" for name in ("smoothed", "walk"))
+        found = [rows(Path(command[1]), entity, "Points3D:positions") for entity in of_either]
+        shown.append([time_s for of_entity in found for time_s, _ in of_entity.values()])
+        return 0
+
+    monkeypatch.setattr(view, "run_program", run)
+    part = ["--web", "--from", "0.05", "--to", "0.1"]
+    assert main(["view", str(rrd), *part]) == main(["view", str(parquet), *part]) == 0
+    # Of frames at 60 Hz, and of every third of them.
+    np.testing.assert_allclose(shown[0], [0.05, 0.1], atol=1e-9)
+    np.testing.assert_allclose(shown[1], np.arange(3, 7) / 60, atol=1e-9)
+    capsys.readouterr()
+    for path in (rrd, parquet):
+        assert f"{path}: no frame is from 3 s on: there are frames from 0 s to 0.15" in failure(
+            ["view", str(path), "--from", "3"], capsys
+        )
+    assert "--rrd-fps must be positive" in failure(["smooth", *source, "--rrd-fps", "0"], capsys)
 
 
 @pytest.mark.parametrize("with_rig", [False, True])
