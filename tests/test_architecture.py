@@ -45,6 +45,7 @@ FLOORS = (
         "correspondences",
         "extensions",
         "finding",
+        "freed_memory",
         "observations",
         "parameters",
         "people_observations",
@@ -57,7 +58,7 @@ FLOORS = (
 ESTIMATION_FLOORS = (
     {"smoother", "estimates", "estimator", "refinement", "residuals"},
     {"covariances", "online"},
-    {"solvers"},
+    {"solution", "solvers"},
     {"factors"},
     {"visibility"},
     {"frame_state"},

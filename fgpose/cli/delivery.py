@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -117,6 +118,7 @@ def deliver(
     except OutputError as error:
         summary(result, error.written)
         raise
+    shutil.rmtree(outputs.unfinished, ignore_errors=True)
     summary(result, written)
     _say_what_is_shown(new_console(), result, outputs)
     code = conclude(new_console(), result.diagnosis, strict=strict)

@@ -13,6 +13,7 @@ from fgpose.calibration.rig_refinement import has_moved
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.finding import Code, Finding, Severity
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.io.origin import Origin
@@ -34,7 +35,9 @@ def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
     """
     if not any(np.isfinite(each.positions_m).any() for each in result.main.values()):
         raise ValueError(_nothing_determined(result))
+    hand_back()
     diagnosis = looked_at(result.seen, result.rig, result.main, result.config, world_up)
+    hand_back()
     diagnosis = diagnosis.after(result.source.origin.estimated if result.source.origin is not None else ())
     chosen = result.source.chosen
     of_several = [_of_several(chosen)] if chosen is not None and chosen.n_people > 1 else []

@@ -8,6 +8,7 @@ from typing import Any, Literal, TypedDict, Unpack
 
 from fgpose.association.chosen_person import PersonRegion
 from fgpose.association.common_clock import on_common_clock
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.keypoints import keypoint_cameras, load_people
@@ -67,7 +68,20 @@ def load_source(
     Warns:
         UserWarning: as load_people.
     """
-    everybody = _everybody(keypoints, calibration, skeleton, cameras, reading)
+    wanted = _wanted(
+        _everybody(keypoints, calibration, skeleton, cameras, reading), keypoints, cameras, people, n_frames
+    )
+    hand_back()
+    return wanted
+
+
+def _wanted(
+    everybody: Source[PeopleObservations],
+    keypoints: Path,
+    cameras: tuple[str, ...],
+    people: Wanted,
+    n_frames: int | None,
+) -> AnySource:
     if people in ("auto", "all"):
         everybody = everybody.subset(cameras).first_frames(n_frames)
         return everybody if people == "all" else everybody.one_or_all()

@@ -101,6 +101,11 @@ class Outputs:
         return self.folder / f"{self.name}_calibration.toml"
 
     @property
+    def unfinished(self) -> Path:
+        """Folder of what a run has solved, until its results are written."""
+        return self.folder / f".{self.name}_unfinished"
+
+    @property
     def rrd(self) -> Path:
         """The file for the viewer."""
         return self.path("rrd", self.shown_as)

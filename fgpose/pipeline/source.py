@@ -12,6 +12,7 @@ from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
@@ -43,6 +44,7 @@ class Source(Generic[Recording]):
         if config not in self._evidence:
             self._evidence.clear()
             self._evidence[config] = gather(self.observations, self.rig, config)
+            hand_back()
         return self._evidence[config]
 
     def one(self, person: int | PersonRegion = 0) -> Source[Observations]:

@@ -34,7 +34,6 @@ from fgpose.viewer.rerun.scene import (
 # Smaller than those of one person: people are smaller in the images, and may hide each other.
 _DETECTION_RADIUS = rr.Radius.ui_points(2.5)
 _LABEL_RADIUS = rr.Radius.ui_points(0.5)  # the text is to be seen, not its point
-_UNDISTORTED_AT_ONCE = 5000  # OpenCV takes 600 bytes for each joint
 _LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
 
 
@@ -234,9 +233,7 @@ def _camera_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> 
 
 
 def _detection_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> Rows:
-    n_parts = 1 + len(detections.points2d_px) // _UNDISTORTED_AT_ONCE
-    parts_px = np.array_split(detections.points2d_px, n_parts)
-    points_px = np.concatenate([camera.undistort(part_px) for part_px in parts_px])
+    points_px = camera.undistort(detections.points2d_px)
     known = np.isfinite(points_px).all(axis=-1)
     detection, joint = np.nonzero(known)
     fields = {

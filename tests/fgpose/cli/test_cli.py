@@ -6,7 +6,8 @@ import os
 import socket
 import subprocess
 import sys
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -288,6 +289,32 @@ def test_evaluate_against_itself(folder: Path, tmp_path: Path, capsys: pytest.Ca
     assert "left_ankle" in printed
     (mpjpe,) = (line for line in printed.splitlines() if "MPJPE, absolute" in line)
     assert mpjpe.split()[-1] == "0.0"
+
+
+@pytest.mark.filterwarnings("default:2 of 3 windows were solved")
+def test_an_interrupted_run_goes_on_where_it_was(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    windows = ["--solver.window-s", "0.05", "--solver.overlap-s", "0.02", "--formats", "npz"]
+    assert main(["smooth", *source, "--output", str(tmp_path / "whole"), *windows]) == 0
+
+    @contextmanager
+    def interrupted(task: str) -> Iterator[Callable[[int, int], None]]:
+        def progress(done: int, total: int) -> None:
+            if done > total / 2:
+                raise KeyboardInterrupt
+
+        yield progress
+
+    with monkeypatch.context() as patched:
+        patched.setattr(estimators, "progress_bar", interrupted)
+        assert main(["smooth", *source, "--output", str(tmp_path / "out"), *windows]) == 130
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [".walk_unfinished"]
+    assert main(["smooth", *source, "--output", str(tmp_path / "out"), *windows]) == 0
+    assert "2 of 3 windows were solved by a run that did not end; it goes on from there" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["walk.npz"]
+    resumed, whole = (load_trajectory(tmp_path / folder / "walk.npz") for folder in ("out", "whole"))
+    np.testing.assert_array_equal(resumed.positions_m, whole.positions_m)
 
 
 def test_a_part_of_what_the_viewer_shows_by_some_frames(
