@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config, DepthConfig
 from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock, delays_s
-from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, concatenated
+from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence
 from fgpose.estimation.evidence.fusion import fuse_undistorted
 from fgpose.estimation.evidence.plausibility import Bodies, far_outside_images
 from fgpose.estimation.evidence.weights import detection_weights
@@ -103,12 +103,7 @@ def _without(
 def _gather(
     observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
 ) -> Evidence:
-    starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
-    parts = [slice(start, start + _FRAMES_AT_ONCE) for start in starts]
-    gathered = [_without_depths(observations.frames(part), rig, config, credible[part]) for part in parts]
-    triangulated_m = np.concatenate([part_m for _, part_m in gathered])
-    evidence = concatenated([part for part, _ in gathered])
-    evidence = replace(evidence, **_not_known_yet(evidence.weights.shape))
+    evidence, triangulated_m = _in_parts(observations, rig, config, credible)
     if config.depth.use == "never" or observations.points3d_m is None:
         return evidence
     # Of all frames together: the whole recording tells how good the depths are.
@@ -120,6 +115,26 @@ def _gather(
         depth_sigma_m=depth_sigma_m,
         anchored=evidence.anchored & ~np.isfinite(depth_sigma_m).any(axis=1),
     )
+
+
+def _in_parts(
+    observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
+) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
+    """_without_depths, of a long recording part by part."""
+    if observations.n_frames <= _FRAMES_AT_ONCE:
+        return _without_depths(observations, rig, config, credible)
+    whole: dict[str, np.ndarray] = {}
+    unknown = _not_known_yet(observations.confidence.shape)
+    for start in range(0, observations.n_frames, _FRAMES_AT_ONCE):
+        part = slice(start, start + _FRAMES_AT_ONCE)
+        evidence, triangulated_m = _without_depths(observations.frames(part), rig, config, credible[part])
+        for name, values in (vars(evidence) | {"triangulated_m": triangulated_m}).items():
+            if name not in whole and name not in unknown:
+                whole[name] = np.empty((observations.n_frames, *values.shape[1:]), values.dtype)
+            if name not in unknown:
+                whole[name][part] = values
+    triangulated_m = whole.pop("triangulated_m")
+    return Evidence(**whole, **unknown), triangulated_m
 
 
 def _without_depths(
