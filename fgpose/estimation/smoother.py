@@ -235,7 +235,7 @@ def _trajectory(recording: Segment, windows: Sequence[Window], solved: SolvedWin
     active = recording.active & (unseen_s <= config.motion.max_unseen_s) & here[:, None]
     positions_m[~active] = np.nan
     status = joint_status(active, evidence.observed)
-    covariance_m2 = np.empty((*active.shape, 3, 3)) if config.solver.covariance else None
+    covariance_m2 = np.full((*active.shape, 3, 3), np.nan) if config.solver.covariance else None
     for window, solution in zip(windows, solved, strict=True):
         own = window.contributed
         around = evidence.frames(window.solved)

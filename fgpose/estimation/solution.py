@@ -65,7 +65,7 @@ def first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:
 
 
 class SolvedWindows:
-    """The solutions of the windows of a recording, in their order; each can be taken once.
+    """The solutions of the windows of a recording, in their order.
 
     Args:
         recording: with everything that its solution depends on.

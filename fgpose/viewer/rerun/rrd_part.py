@@ -36,12 +36,12 @@ def rrd_part(path: Path, wanted: TimeRange, folder: Path) -> Path:
     first_ns, last_ns = time_ns[inside][[0, -1]].tolist()
     # Each part ends before the beginning of the next one.
     cuts = [f"--time={first_ns}", f"--time={last_ns + 1}"]
-    options = ["--timeline", "time", *cuts, "--recording-id", _PART, "--output-dir", str(folder)]
-    command = [sys.executable, "-m", "rerun", "rrd", "split", *options, str(path)]
+    options = ["--timeline", "time", *cuts, "--recording-id", _PART, "--output-dir", str(folder.absolute())]
+    command = [sys.executable, "-m", "rerun", "rrd", "split", *options, str(path.absolute())]
     split = subprocess.run(command, check=False, capture_output=True, text=True)
     for part in folder.glob("*.rrd"):
         if _reader(part).recordings()[0].recording_id == f"{_PART}1":
-            return part.rename(folder / path.name)
+            return part.rename(folder / f"{path.stem}.rrd")
         part.unlink()
     raise OSError(f"{path}: Rerun could not split it: {split.stderr.strip()[-300:]}")
 
