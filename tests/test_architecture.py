@@ -45,7 +45,6 @@ FLOORS = (
         "correspondences",
         "extensions",
         "finding",
-        "freed_memory",
         "observations",
         "parameters",
         "people_observations",

@@ -12,12 +12,12 @@ from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
-from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import PeopleObservations
+from fgpose.pipeline.freed_memory import hand_back
 
 
 @dataclass(frozen=True, eq=False)
