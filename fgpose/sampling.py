@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -21,6 +22,52 @@ def usual_step_s(time_s: Float[np.ndarray, " frame"]) -> float:
 def frames_per_second(time_s: Float[np.ndarray, " frame"]) -> float:
     """Of the usual step; NaN with one frame."""
     return 1 / usual_step_s(time_s) if len(time_s) > 1 else np.nan
+
+
+@dataclass(frozen=True)
+class TimeRange:
+    """From one time to another, both included.
+
+    Raises:
+        ValueError: it ends before it begins.
+    """
+
+    begin_s: float = -np.inf
+    end_s: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.begin_s <= self.end_s:
+            raise ValueError(f"there is nothing {self}")
+
+    def __str__(self) -> str:
+        begin = f"from {self.begin_s:.10g} s " if self.begin_s > -np.inf else ""
+        return f"{begin}to {self.end_s:.10g} s" if self.end_s < np.inf else f"{begin}on"
+
+    def contains(self, time_s: Float[np.ndarray, " frame"]) -> Bool[np.ndarray, " frame"]:
+        """Which of these times are in it."""
+        return (time_s >= self.begin_s - TIME_ROUNDING_S) & (time_s <= self.end_s + TIME_ROUNDING_S)
+
+    def of(self, time_s: Float[np.ndarray, " frame"]) -> Bool[np.ndarray, " frame"]:
+        """The same of times that increase. Raises ValueError if none is, with those that there are."""
+        inside = self.contains(time_s)
+        if not inside.any():
+            there = f"from {time_s[0]:.10g} s to {time_s[-1]:.10g} s" if len(time_s) else "at no time"
+            raise ValueError(f"no frame is {self}: there are frames {there}")
+        return inside
+
+
+def thinning(time_s: Float[np.ndarray, " frame"], fps: float | None, at_most: int) -> int:
+    """Of how many frames one is taken, at least 1, so that about so many a second are.
+
+    Args:
+        time_s: of all frames.
+        fps: frames per second; None: all, but of a long recording at most so many.
+        at_most: frames, where no rate is given.
+    """
+    if fps is None:
+        return max(1, -(-len(time_s) // at_most))
+    usual_fps = frames_per_second(time_s)
+    return max(1, round(usual_fps / fps)) if np.isfinite(usual_fps) else 1
 
 
 def nearest(times_s: Float[np.ndarray, " time"], others_s: Float[np.ndarray, " other"]) -> Int[np.ndarray, " time"]:

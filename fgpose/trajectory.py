@@ -139,6 +139,20 @@ class Trajectory:
         """Positions of a joint by name, metres. Raises ValueError for an unknown name."""
         return self.positions_m[:, self.skeleton.index(joint)]
 
+    def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> Trajectory:
+        """Some of the frames, as a trajectory of its own, in which they are counted from 0."""
+        kept = np.arange(self.n_frames)[frames]
+        number = {frame: n for n, frame in enumerate(kept.tolist())}
+        arrays = {name: getattr(self, name) for name in ("covariance_m2", "residual_px", "visibility")}
+        return replace(
+            self,
+            time_s=self.time_s[frames],
+            positions_m=self.positions_m[frames],
+            status=self.status[frames],
+            implausible_frames=tuple(number[frame] for frame in self.implausible_frames if frame in number),
+            **{name: None if array is None else array[frames] for name, array in arrays.items()},
+        )
+
     def in_frames(self, time_s: Float[np.ndarray, " all_frames"], frames: Int[np.ndarray, " frame"]) -> Trajectory:
         """The same as part of more frames, in the others of which nothing is known.
 

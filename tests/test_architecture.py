@@ -57,7 +57,7 @@ FLOORS = (
 ESTIMATION_FLOORS = (
     {"smoother", "estimates", "estimator", "refinement", "residuals"},
     {"covariances", "online"},
-    {"solvers"},
+    {"solution", "solvers"},
     {"factors"},
     {"visibility"},
     {"frame_state"},

@@ -68,7 +68,8 @@ def progress_bar(task: str, unit: str = "frames") -> Iterator[Callable[[int, int
         TextColumn(unit),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    with Progress(*columns, console=new_console(stderr=True)) as bar:
+    # A window of the smoother may take longer than the half minute from which the time left is estimated by default.
+    with Progress(*columns, console=new_console(stderr=True), speed_estimate_period=600.0) as bar:
         number = bar.add_task(task, total=None)
         yield lambda done, total: bar.update(number, completed=done, total=total)
 

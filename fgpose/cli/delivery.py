@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from fgpose.cli.console import new_console
 from fgpose.cli.tables import print_result
@@ -12,6 +15,7 @@ from fgpose.cli.viewers import wait_for_viewers
 from fgpose.finding import Code, Severity
 from fgpose.pipeline import Display, OutputError, Outputs, Result, show, write_outputs
 from fgpose.pipeline.diagnosed import diagnosed, looked_at
+from fgpose.sampling import frames_per_second
 from fgpose.viewer import Recording
 
 if TYPE_CHECKING:
@@ -73,6 +77,20 @@ def conclude(console: Console, diagnosis: Diagnosis | None, *, strict: bool) -> 
     return PROBABLY_WRONG if strict else 0
 
 
+def _say_what_is_shown(console: Console, result: Result, outputs: Outputs) -> None:
+    """Of a recording of which the viewer does not show every frame."""
+    every = outputs.shown_every(result.frame_time_s)
+    if not outputs.shown or every == 1:
+        return
+    what = outputs.rrd if "rrd" in outputs.formats else "the viewer"
+    fps, begin_s = frames_per_second(result.frame_time_s) / every, np.floor(result.frame_time_s[0])
+    kept = next((path for path in outputs.trajectory_paths(result.saved) if path.suffix == ".parquet"), None)
+    whole = (
+        "" if kept is None else f"; all of a minute: fgpose view {kept} --from {begin_s:.0f} --to {begin_s + 60:.0f}"
+    )
+    console.print(f"{what} shows one frame in {every}, {fps:.3g} a second (--rrd-fps){whole}", soft_wrap=True)
+
+
 def deliver(
     result: Result,
     outputs: Outputs,
@@ -100,7 +118,9 @@ def deliver(
     except OutputError as error:
         summary(result, error.written)
         raise
+    shutil.rmtree(outputs.unfinished, ignore_errors=True)
     summary(result, written)
+    _say_what_is_shown(new_console(), result, outputs)
     code = conclude(new_console(), result.diagnosis, strict=strict)
     if viewer is not None:
         wait_for_viewers(outputs)

@@ -136,6 +136,10 @@ class OutputOptions:
     """Name of the result files, without extension."""
     formats: tuple[Format, ...] = ("parquet", "trc", "rrd")
     """What to write: parquet and npz keep everything, trc (OpenSim) and c3d keep positions, rrd is for the viewer."""
+    rrd_fps: Annotated[
+        float | None, arg(metavar="HZ", help_behavior_hint="(default: all, of a long recording 20,000 frames)")
+    ] = None
+    """Frames per second in the .rrd file and with --live. fgpose view --from --to shows all frames of a part."""
     world_up: UpChoice = "auto"
     """What is up in the world of the calibration: +x, -x, +y, -y, +z or -z; auto: as people and cameras stand."""
     live: bool = False
@@ -150,7 +154,7 @@ class OutputOptions:
         formats = tuple(dict.fromkeys(self.formats))
         port = self.port if self.live else None
         name = self.name or f"{Path(os.path.realpath(source)).stem}{self.name_ends}"
-        of_step = {"step": self.step, "source": source, "shown_as": self.rrd_ends}
+        of_step = {"step": self.step, "source": source, "shown_as": self.rrd_ends, "rrd_fps": self.rrd_fps}
         return Outputs(self.output, name, formats, self.world_up, port, **of_step)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -19,11 +20,12 @@ from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
+from fgpose.estimation.solution import Solution, SolvedWindows, first_known
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.optimum import optimum
 from fgpose.estimation.visibility.sole_views import with_distances
 from fgpose.estimation.visibility.visibility import judged
-from fgpose.estimation.windows import cut_windows
+from fgpose.estimation.windows import Window, cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import spread_evenly
@@ -47,7 +49,11 @@ _MOST_ROUNDS = 12
 
 
 def smooth(
-    observations: Observations, rig: CameraRig, config: Config | None = None, progress: Progress | None = None
+    observations: Observations,
+    rig: CameraRig,
+    config: Config | None = None,
+    progress: Progress | None = None,
+    unfinished: Path | None = None,
 ) -> Trajectory:
     """The most probable motion given all frames, by batch optimisation of the factor graph.
 
@@ -59,6 +65,8 @@ def smooth(
         rig: cameras of the observations, in their order.
         config: see fgpose.config; all sections except [online], [refinement] and [calibration] are used.
         progress: told after each window.
+        unfinished: a folder for the windows that are solved, if there are several: after it was killed, the same call
+            goes on from there. It is to be removed when the result is saved. None: nothing is kept.
 
     Returns:
         The trajectory of all frames, each at the mean time at which the cameras took it: by time stamps and time
@@ -68,107 +76,50 @@ def smooth(
         apart than tracking.coast_s, see fgpose.estimation.evidence.presence) it is NaN: Trajectory.absent.
 
     Raises:
-        ValueError: the cameras of the observations and of the rig differ.
+        ValueError: the cameras of the observations and of the rig differ, or a window that was kept is damaged.
+        OSError: a window cannot be kept.
 
     Warns:
-        UserWarning: a window did not converge within solver.max_iterations.
+        UserWarning: a window did not converge within solver.max_iterations; or windows were there already.
     """
     config = config or Config()
     observations, rig = of_one_moment(observations, rig)
-    return smooth_evidence(gather(observations, rig, config), observations.skeleton, rig, config, progress)
+    evidence = gather(observations, rig, config)
+    return smooth_evidence(evidence, observations.skeleton, rig, config, progress, unfinished)
 
 
 @one_blas_thread()
 def smooth_evidence(
-    evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config, progress: Progress | None = None
+    evidence: Evidence,
+    skeleton: Skeleton,
+    rig: CameraRig,
+    config: Config,
+    progress: Progress | None = None,
+    unfinished: Path | None = None,
 ) -> Trajectory:
     """smooth for a recording whose evidence is gathered already."""
     here = np.flatnonzero(evidence.present(config.tracking.coast_s))
-    recording = Segment.of_recording(evidence.frames(here) if len(here) else evidence, rig, skeleton, config)
+    is_whole = len(here) in (0, len(evidence.time_s))
+    recording = Segment.of_recording(evidence if is_whole else evidence.frames(here), rig, skeleton, config)
     windows = cut_windows(recording.evidence.time_s, config.solver.window_s, config.solver.overlap_s)
-    if len(windows) > 1:
-        recording = _with_learned_lengths(recording)
-    solutions = []
-    for window in windows:
-        solution = _solve(recording.frames(window.solved))
-        solutions.append(solution.frames(window.contributed_of_solved))
-        if progress:
-            progress(window.contributed.stop, recording.n_frames)
-    solution = Solution.joined(solutions)
-    if not solution.convergence.converged:
-        parts = [not part.convergence.converged for part in solutions]
+    solved = SolvedWindows(recording, unfinished if len(windows) > 1 else None)
+    if solved.n_solved:
         warnings.warn(
-            f"the smoother has not converged within solver.max_iterations = {config.solver.max_iterations} in "
-            f"{sum(parts)} of {len(parts)} windows; the largest errors may be centimetres",
+            f"{solved.n_solved} of {len(windows)} windows were solved by a run that did not end; it goes on from there",
             stacklevel=4,  # past the decorator and smooth
         )
-    trajectory = _trajectory(recording, solution)
-    whole = trajectory.in_frames(evidence.time_s, here) if len(here) else trajectory
+        if progress:
+            progress(windows[solved.n_solved - 1].contributed.stop, recording.n_frames)
+    if 1 < len(windows) > solved.n_solved:
+        recording = _with_learned_lengths(recording)
+    for window in windows[solved.n_solved :]:
+        solution = _solve(recording.frames(window.solved))
+        solved.append(solution.frames(window.contributed_of_solved))
+        if progress:
+            progress(window.contributed.stop, recording.n_frames)
+    trajectory = _trajectory(recording, windows, solved)
+    whole = trajectory if is_whole else trajectory.in_frames(evidence.time_s, here)
     return replace(whole, implausible_frames=evidence.implausible_frames)
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """The optimum of some frames; NaN where a joint is not estimated."""
-
-    positions_m: Float[np.ndarray, "frame joint 3"]
-    covariance_m2: Float[np.ndarray, "frame joint 3 3"] | None
-    lengths_m: Float[np.ndarray, " length"]
-    convergence: Convergence
-    visibility: Float[np.ndarray, "frame camera joint"]
-    """Probability that each detection is of its joint."""
-    sigma_px: Float[np.ndarray, "frame camera joint"]
-    """Standard deviation of each detection with which this was found, if it is of its joint."""
-    widening_m2: Float[np.ndarray, "frame joint 3 3"] | None = None
-    """What was added to the covariance of joints that fewer than two cameras see."""
-
-    @staticmethod
-    def of_nobody(segment: Segment) -> Solution:
-        """Where no joint is estimated in any frame."""
-        shape = segment.active.shape
-        positions_m, covariance_m2 = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
-        no_lengths_m = np.full(segment.skeleton.n_lengths, np.nan)
-        settled = Convergence(True, 0, 0.0, 0.0)
-        evidence = segment.evidence
-        shown = evidence.visibility, evidence.sigma_px
-        return Solution(positions_m, covariance_m2, no_lengths_m, settled, *shown, np.zeros_like(covariance_m2))
-
-    @staticmethod
-    def joined(parts: list[Solution]) -> Solution:
-        """Of parts that follow each other."""
-
-        def joined(covariances_m2: list[np.ndarray | None]) -> np.ndarray | None:
-            known_m2 = [each for each in covariances_m2 if each is not None]
-            return np.concatenate(known_m2) if len(known_m2) == len(parts) else None
-
-        return Solution(
-            positions_m=np.concatenate([part.positions_m for part in parts]),
-            covariance_m2=joined([part.covariance_m2 for part in parts]),
-            lengths_m=_first_known([part.lengths_m for part in parts]),
-            convergence=Convergence.worst([part.convergence for part in parts]),
-            visibility=np.concatenate([part.visibility for part in parts]),
-            sigma_px=np.concatenate([part.sigma_px for part in parts]),
-            widening_m2=joined([part.widening_m2 for part in parts]),
-        )
-
-    def frames(self, frames: slice) -> Solution:
-        """Some of the frames."""
-        return replace(
-            self,
-            positions_m=self.positions_m[frames],
-            covariance_m2=None if self.covariance_m2 is None else self.covariance_m2[frames],
-            visibility=self.visibility[frames],
-            sigma_px=self.sigma_px[frames],
-            widening_m2=None if self.widening_m2 is None else self.widening_m2[frames],
-        )
-
-
-def _first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:
-    """Each length from the first part in which it is known: a person may come late."""
-    known = lengths_m[0]
-    for others in lengths_m[1:]:
-        known = np.where(np.isnan(known), others, known)
-    return known
 
 
 def _with_learned_lengths(recording: Segment) -> Segment:
@@ -181,7 +132,7 @@ def _with_learned_lengths(recording: Segment) -> Segment:
     at_once = replace(sample.evidence, delay_s=np.zeros_like(sample.evidence.delay_s))
     without_covariance = sample.config.replace(solver={"covariance": False})
     solution = _solve(replace(sample, evidence=at_once, config=without_covariance))
-    lengths_m = _first_known([solution.lengths_m, recording.lengths_m])
+    lengths_m = first_known([solution.lengths_m, recording.lengths_m])
     return replace(recording, lengths_m=lengths_m, length_sigma_m=_HELD_LENGTH_SIGMA_M)
 
 
@@ -217,7 +168,7 @@ def _informed(
     # From a path that lost a fast limb the optimiser would not find back, and its accelerations are too small.
     positions_m = np.where(np.isnan(known.off_path_m), positions_m, known.off_path_m)
     information = known.information(positions_m, segment.rig)
-    lengths_m = _first_known([solution.lengths_m, segment.lengths_m])
+    lengths_m = first_known([solution.lengths_m, segment.lengths_m])
     return replace(
         segment,
         evidence=with_distances(known, positions_m, lengths_m, segment.rig, segment.skeleton),
@@ -267,32 +218,56 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
     return replace(solution, covariance_m2=widened_m2, widening_m2=widened_m2 - covariance_m2)
 
 
-def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
-    evidence, rig, config = recording.evidence, recording.rig, recording.config
-    evidence = replace(evidence, visibility=solution.visibility)
+def _trajectory(recording: Segment, windows: Sequence[Window], solved: SolvedWindows) -> Trajectory:
+    """Of all windows. What decides who is there when needs the visibility of all; the rest is made window by window."""
+    rig, config, shape = recording.rig, recording.config, recording.evidence.visibility.shape
+    positions_m, visibility, residual_px = np.empty((shape[0], shape[2], 3)), np.empty(shape), np.empty(shape)
+    convergences, lengths_m = [], []
+    for window, solution in zip(windows, solved, strict=True):
+        positions_m[window.contributed], visibility[window.contributed] = solution.positions_m, solution.visibility
+        convergences.append(solution.convergence)
+        lengths_m.append(solution.lengths_m)
+    _warn_unless_converged(convergences, config)
+    evidence = replace(recording.evidence, visibility=visibility)
     unseen_s = time_to_known_s(evidence.seen, evidence.time_s)
     # Hallucinated detections, by what is known now, do not show that somebody is there.
     here = evidence.present(config.tracking.coast_s)
     active = recording.active & (unseen_s <= config.motion.max_unseen_s) & here[:, None]
-    positions_m = np.where(active[..., None], solution.positions_m, np.nan)
-    covariance_m2 = solution.covariance_m2 if config.solver.covariance else None
-    if covariance_m2 is not None:
-        swing = recording.skeleton, config.swing, solution.widening_m2
-        covariance_m2 = with_swing(covariance_m2, positions_m, unseen_s, *swing, doubt=1 - evidence.credible)
-        covariance_m2 = np.where(active[..., None, None], covariance_m2, np.nan)
+    positions_m[~active] = np.nan
+    status = joint_status(active, evidence.observed)
+    covariance_m2 = np.full((*active.shape, 3, 3), np.nan) if config.solver.covariance else None
+    for window, solution in zip(windows, solved, strict=True):
+        own = window.contributed
+        around = evidence.frames(window.solved)
+        residual_px[own] = _residual_px(around, rig, positions_m[window.solved])[window.contributed_of_solved]
+        if covariance_m2 is not None and solution.covariance_m2 is not None:
+            swing = unseen_s[own], recording.skeleton, config.swing, solution.widening_m2
+            doubt = 1 - evidence.credible[own]
+            of_window_m2 = with_swing(solution.covariance_m2, positions_m[own], *swing, doubt=doubt)
+            covariance_m2[own] = np.where(active[own, :, None, None], of_window_m2, np.nan)
     return Trajectory(
         skeleton=recording.skeleton,
         time_s=evidence.time_s,
         positions_m=positions_m,
-        status=joint_status(active, evidence.observed),
+        status=status,
         covariance_m2=covariance_m2,
-        residual_px=_residual_px(evidence, rig, positions_m),
+        residual_px=residual_px,
         camera_names=rig.names,
-        bone_lengths_m=solution.lengths_m,
-        convergence=solution.convergence,
+        bone_lengths_m=first_known(lengths_m),
+        convergence=Convergence.worst(convergences),
         config=config,
         visibility=evidence.detection_visibility,
     )
+
+
+def _warn_unless_converged(windows: Sequence[Convergence], config: Config) -> None:
+    n_astray = sum(not window.converged for window in windows)
+    if n_astray:
+        warnings.warn(
+            f"the smoother has not converged within solver.max_iterations = {config.solver.max_iterations} in "
+            f"{n_astray} of {len(windows)} windows; the largest errors may be centimetres",
+            stacklevel=6,  # past _trajectory, the decorator and smooth
+        )
 
 
 def _residual_px(

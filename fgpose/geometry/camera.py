@@ -21,6 +21,7 @@ from fgpose.plain_files import naming
 REFERENCE_FOCAL_PX = 1145.0
 """Of the cameras of Human3.6M. Parameters in pixels are those of an image with this focal length."""
 
+_UNDISTORTED_AT_ONCE = 100_000  # OpenCV takes 600 bytes for each point
 _MIN_DEPTH_M = 1e-6  # keeps the division by the depth finite
 
 
@@ -148,8 +149,11 @@ class Camera:
         """
         if not self.distorts:
             return points_px.copy()
-        flat = without_distortion(points_px.reshape(-1, 2), self.K, self.distortion, self.lens)
-        return flat.reshape(points_px.shape)
+        flat_px = points_px.reshape(-1, 2)
+        lens = self.K, self.distortion, self.lens
+        starts = range(0, max(len(flat_px), 1), _UNDISTORTED_AT_ONCE)
+        parts_px = [without_distortion(flat_px[start : start + _UNDISTORTED_AT_ONCE], *lens) for start in starts]
+        return np.concatenate(parts_px).reshape(points_px.shape)
 
     def distort(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:
         """Pixels in the original image of undistorted pixels: the inverse of undistort."""

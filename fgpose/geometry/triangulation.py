@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
@@ -17,6 +18,7 @@ from fgpose.sampling import spread_evenly
 _MIN_PARALLAX_RAD = np.deg2rad(1.0)
 _INLIER_PX = 20.0  # see CameraRig.in_own_px
 _MAX_PAIRS = 66  # all pairs of 12 views; bounds time and memory, which grow with pairs times views
+_PROPOSALS_AT_ONCE = 50_000  # of four views they take about 50 MB
 _FARTHEST_PX = 1e30  # of sixth powers, as in a determinant, double precision has no more
 
 
@@ -104,13 +106,29 @@ def triangulate_robust(
         Triangulation with shapes (*frames, joint, 3) and (*frames, joint, camera).
     """
     points_px, weights = undistorted_px.swapaxes(-3, -2), confidence.swapaxes(-2, -1)
-    pairs = _pairs(rig.n_cameras)
-    if not len(pairs):
-        shape = points_px.shape[:-2]
-        return Triangulation(np.full((*shape, 3), np.nan), np.zeros((*shape, rig.n_cameras), dtype=bool))
-    proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
     inlier_px = rig.in_own_px(_INLIER_PX) if inlier_px is None else inlier_px
-    inlier_px = np.broadcast_to(inlier_px, undistorted_px.shape[:-1]).swapaxes(-2, -1)
+    inlier_px = np.broadcast_to(inlier_px, confidence.shape).swapaxes(-2, -1)
+    shape, pairs = weights.shape[:-1], _pairs(rig.n_cameras)
+    n_proposals = math.prod(shape) * len(pairs)
+    if 0 < n_proposals <= _PROPOSALS_AT_ONCE:
+        return _of_best_pair(points_px, weights, rig, inlier_px, pairs)
+    found = Triangulation(np.full((*shape, 3), np.nan), np.zeros(weights.shape, dtype=bool))
+    at_once = max(1, _PROPOSALS_AT_ONCE * shape[0] // max(1, n_proposals))
+    for start in range(0, shape[0] if n_proposals else 0, at_once):
+        part = slice(start, start + at_once)
+        agreed = _of_best_pair(points_px[part], weights[part], rig, inlier_px[part], pairs)
+        found.positions_m[part], found.inliers[part] = agreed.positions_m, agreed.inliers
+    return found
+
+
+def _of_best_pair(
+    points_px: Float[np.ndarray, "*points camera 2"],
+    weights: Float[np.ndarray, "*points camera"],
+    rig: CameraRig,
+    inlier_px: Float[np.ndarray, "*points camera"],
+    pairs: Int[np.ndarray, "pair 2"],
+) -> Triangulation:
+    proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
     scores, inliers = _score(proposals_m, points_px, weights, rig, inlier_px)
     best = np.argmax(scores, axis=-1)
     inliers = np.take_along_axis(inliers, best[..., None, None], axis=-2)[..., 0, :]

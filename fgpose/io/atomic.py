@@ -158,7 +158,7 @@ def write_bytes(path: Path, content: bytes) -> None:
     Raises:
         OSError: it cannot be written; the message names it.
     """
-    with replacing(path, _has_size(len(content))) as temporary:
+    with replacing(path, has_size(len(content))) as temporary:
         temporary.write_bytes(content)
 
 
@@ -167,7 +167,9 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def _has_size(n_bytes: int) -> Check:
+def has_size(n_bytes: int) -> Check:
+    """Of a file that must have so many bytes."""
+
     def check(path: Path) -> None:
         found = path.stat().st_size
         if found != n_bytes:

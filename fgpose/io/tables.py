@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.io.atomic import write_bytes
+from fgpose.io.atomic import has_size, replacing
 from fgpose.plain_files import check_expansion, open_plain
 from fgpose.skeleton import CONTROL
 
@@ -163,12 +163,23 @@ def _texts(found: dict[bytes, bytes] | None) -> dict[str, str]:
 
 def write_table(path: Path, table: pa.Table) -> None:
     """Replace a file by a table, whole or not at all. Raises OSError, which names it, if it cannot be written."""
-    import pyarrow as pa
+    write_row_groups(path, table.schema, [table])
+
+
+def write_row_groups(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
+    """The same of a table that is made part by part, so that it need not be in memory: each is a group of rows."""
     import pyarrow.parquet as pq
 
-    content = pa.BufferOutputStream()
-    pq.write_table(table, content, compression="zstd", write_page_checksum=True)
-    write_bytes(path, content.getvalue().to_pybytes())
+    n_bytes = 0
+
+    def check(written: Path) -> None:
+        has_size(n_bytes)(written)
+
+    with replacing(path, check) as temporary, temporary.open("wb") as stream:
+        with pq.ParquetWriter(stream, schema, compression="zstd", write_page_checksum=True) as writer:
+            for table in tables:
+                writer.write_table(table)
+        n_bytes = stream.tell()
 
 
 def as_cell(name: str) -> str:

@@ -18,6 +18,7 @@ from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
+from fgpose.pipeline.freed_memory import hand_back
 from fgpose.pipeline.result import Result
 from fgpose.trajectory import Trajectory
 
@@ -34,7 +35,9 @@ def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
     """
     if not any(np.isfinite(each.positions_m).any() for each in result.main.values()):
         raise ValueError(_nothing_determined(result))
+    hand_back()
     diagnosis = looked_at(result.seen, result.rig, result.main, result.config, world_up)
+    hand_back()
     diagnosis = diagnosis.after(result.source.origin.estimated if result.source.origin is not None else ())
     chosen = result.source.chosen
     of_several = [_of_several(chosen)] if chosen is not None and chosen.n_people > 1 else []

@@ -15,6 +15,7 @@ from fgpose.io.names import counted_otherwise, seen_cameras
 from fgpose.observations import check_confidence
 from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.detected_orientation import as_detected
+from fgpose.pipeline.freed_memory import hand_back
 from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.source import AnySource, Source
 from fgpose.plain_files import naming
@@ -67,7 +68,20 @@ def load_source(
     Warns:
         UserWarning: as load_people.
     """
-    everybody = _everybody(keypoints, calibration, skeleton, cameras, reading)
+    wanted = _wanted(
+        _everybody(keypoints, calibration, skeleton, cameras, reading), keypoints, cameras, people, n_frames
+    )
+    hand_back()
+    return wanted
+
+
+def _wanted(
+    everybody: Source[PeopleObservations],
+    keypoints: Path,
+    cameras: tuple[str, ...],
+    people: Wanted,
+    n_frames: int | None,
+) -> AnySource:
     if people in ("auto", "all"):
         everybody = everybody.subset(cameras).first_frames(n_frames)
         return everybody if people == "all" else everybody.one_or_all()

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import glob
 import importlib.util
+import math
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
 
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.finding import Code
@@ -24,12 +28,15 @@ from fgpose.kinematics.vertical import find_up
 from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.result import Result, show
 from fgpose.pipeline.source import AnySource
+from fgpose.sampling import thinning
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 from fgpose.viewer import Recording, open_recording
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
 Display = Callable[[Result, Recording], None]
+# Of one person in four cameras, with three results to compare, they take 170 MB.
+_MOST_SHOWN = 20_000
 
 
 class OutputError(NotWrittenError):
@@ -63,6 +70,10 @@ class Outputs:
     """What is up in the world, for TRC, C3D and the viewer; auto: as bodies and cameras stand."""
     live_port: int | None = None
     """Where viewers can connect; 0 takes any free port. None: they cannot."""
+    rrd_fps: float | None = None
+    """Frames per second that the viewer shows, about; None: all, but of a long recording 20,000 at most."""
+    image_fps: float | None = None
+    """Images per second of each camera that it shows, about; None: those of all frames that are shown."""
     image_width_px: int | None = 640
     """To how much at most the images in the viewer are shrunk; see open_recording."""
     step: str = ""
@@ -77,6 +88,9 @@ class Outputs:
             raise ValueError(
                 f"{self.name!r} is no name of result files: a word is, without a point before it and without /"
             )
+        for option, fps in (("rrd-fps", self.rrd_fps), ("image-fps", self.image_fps)):
+            if fps is not None and not 0 < fps < math.inf:
+                raise ValueError(f"--{option} must be positive, got {fps:g}")
 
     def path(self, file_format: Format, trajectory: str = "") -> Path:
         return self.folder / f"{self.name}{'_' if trajectory else ''}{trajectory}.{file_format}"
@@ -85,6 +99,11 @@ class Outputs:
     def calibration(self) -> Path:
         """Where a calibration that results goes."""
         return self.folder / f"{self.name}_calibration.toml"
+
+    @property
+    def unfinished(self) -> Path:
+        """Folder of what a run has solved, until its results are written."""
+        return self.folder / f".{self.name}_unfinished"
 
     @property
     def rrd(self) -> Path:
@@ -139,18 +158,22 @@ class Outputs:
             for name in saved
         }
 
+    def shown_every(self, time_s: Float[np.ndarray, " frame"]) -> int:
+        """Of how many frames of a recording with these times the viewer shows one."""
+        return thinning(time_s, self.rrd_fps, _MOST_SHOWN)
+
     def open_viewer(self, source: AnySource, trajectories: tuple[str, ...]) -> Recording:
         """See open_recording; for the results of these names of one person, or for everybody, as the source is."""
         seen = source.observations
         compared = None if isinstance(seen, PeopleObservations) else trajectories
-        return self.open_recording(source.rig, seen.skeleton, compared, seen.n_frames)
+        return self.open_recording(source.rig, seen.skeleton, compared, seen.frame_time_s)
 
     def open_recording(
         self,
         rig: CameraRig,
         skeleton: Skeleton,
-        trajectories: tuple[str, ...] | None = None,
-        n_frames: int | None = None,
+        trajectories: tuple[str, ...] | None,
+        time_s: Float[np.ndarray, " frame"],
     ) -> Recording:
         """The .rrd file if that is among the formats, and what viewers connect to if they can.
 
@@ -159,20 +182,23 @@ class Outputs:
             skeleton: the joints.
             trajectories: names of one person's results that will be compared, the most important last; None: people
                 are shown.
-            n_frames: how many frames it will have, if that is known.
+            time_s: of all frames that it will have.
 
         Raises:
             ImportError: Rerun is not installed.
             OSError: the port is taken, or the file cannot be written.
         """
         # Before anybody is estimated only the cameras tell.
+        every = self.shown_every(time_s)
         world_up = find_up((), rig).world_up if self.world_up == "auto" else self.world_up
         return open_recording(
             self.rrd if "rrd" in self.formats else None,
             rig,
             skeleton,
             trajectories,
-            n_frames=n_frames,
+            n_frames=len(time_s),
+            every=every,
+            images_every=every * thinning(time_s[::every], self.image_fps, len(time_s)),
             live=self.live_port is not None,
             port=self.live_port or 0,
             up=nearest_axis(world_up),

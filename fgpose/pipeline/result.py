@@ -11,8 +11,10 @@ from jaxtyping import Float
 from fgpose.association.recording import Association
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
+from fgpose.estimation.windows import cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
@@ -97,7 +99,19 @@ def _show_compared(result: Result, recording: Recording) -> None:
         recording.log_trajectory(name, people[0])
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
     if "refined" not in result.saved:
-        known = informed(evidence, main.positions_m, source.rig, main.skeleton, config, main.visibility)
-        recording.log_residuals(main.time_s, whitened_residuals(main, known, source.rig, config))
+        recording.log_residuals(main.time_s, _residuals(main, evidence, source.rig, config))
     if result.update_ms is not None:
         recording.log_update_times(result.frame_time_s, result.update_ms)
+
+
+def _residuals(
+    main: Trajectory, evidence: Evidence, rig: CameraRig, config: Config
+) -> dict[str, Float[np.ndarray, "frame joint"]]:
+    """See whitened_residuals; in the windows of the smoother, so that memory does not grow with what is gathered."""
+    parts = []
+    for window in cut_windows(main.time_s, config.solver.window_s, config.solver.overlap_s):
+        of_window, own = main.frames(window.solved), evidence.frames(window.solved)
+        known = informed(own, of_window.positions_m, rig, main.skeleton, config, of_window.visibility)
+        residuals = whitened_residuals(of_window, known, rig, config)
+        parts.append({factor: each[window.contributed_of_solved] for factor, each in residuals.items()})
+    return {factor: np.concatenate([part[factor] for part in parts]) for factor in parts[0]}

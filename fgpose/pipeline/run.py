@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -34,7 +35,14 @@ def run_calibrate(
     return replace(source, rig=found.rig, observations=found.observations, origin=origin), found
 
 
-def run_smooth(source: AnySource, config: Config, progress: Progress | None = None, *, compare: bool = True) -> Result:
+def run_smooth(
+    source: AnySource,
+    config: Config,
+    progress: Progress | None = None,
+    *,
+    compare: bool = True,
+    unfinished: Path | None = None,
+) -> Result:
     """The batch smoother over a whole recording.
 
     Args:
@@ -43,6 +51,7 @@ def run_smooth(source: AnySource, config: Config, progress: Progress | None = No
         progress: told how far the smoother is.
         compare: of one person, also give the fused and the refined poses of every frame alone, to be seen beside the
             result.
+        unfinished: see fgpose.smooth.
     """
     if isinstance(source.observations, PeopleObservations):
         known = source.succession and source.succession.association
@@ -50,10 +59,10 @@ def run_smooth(source: AnySource, config: Config, progress: Progress | None = No
             # The cameras may have been calibrated since.
             rig = source.rig.subset(source.observations.camera_names)
             known = replace(known, rig=rig, observations=source.observations)
-        people = smooth_people(source.observations, source.rig, config, progress, known)
+        people = smooth_people(source.observations, source.rig, config, progress, known, unfinished)
         return Result(source, config, {"smoothed": people.trajectories}, ("smoothed",), people.association)
     given = source.evidence(config), source.observations.skeleton, source.rig, config
-    smoothed = smooth_evidence(*given, progress)
+    smoothed = smooth_evidence(*given, progress, unfinished)
     before = {"fused": fused_trajectory(*given), "refined": refine_evidence(*given)} if compare else {}
     return _of_one(source, config, {**before, "smoothed": smoothed}, "smoothed")
 

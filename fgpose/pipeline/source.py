@@ -17,6 +17,7 @@ from fgpose.io.origin import Origin
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import PeopleObservations
+from fgpose.pipeline.freed_memory import hand_back
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,7 @@ class Source(Generic[Recording]):
         if config not in self._evidence:
             self._evidence.clear()
             self._evidence[config] = gather(self.observations, self.rig, config)
+            hand_back()
         return self._evidence[config]
 
     def one(self, person: int | PersonRegion = 0) -> Source[Observations]:

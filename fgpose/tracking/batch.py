@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from fgpose.association.common_clock import on_common_clock
 from fgpose.association.recording import Association, Progress, associate
@@ -32,6 +33,7 @@ def smooth_people(
     config: Config | None = None,
     progress: Progress | None = None,
     association: Association | None = None,
+    unfinished: Path | None = None,
 ) -> SmoothedPeople:
     """Tell everybody apart, then smooth each as fgpose.smooth does one person.
 
@@ -43,6 +45,7 @@ def smooth_people(
             known how many people there are.
         association: who is who in these observations, where that is known; by default see associate, of the
             observations by the clock of the rig (on_common_clock).
+        unfinished: see fgpose.smooth.
 
     Raises:
         ValueError: a camera of the observations is not in the rig.
@@ -67,7 +70,7 @@ def smooth_people(
 
         # In the frames of the association, even where cameras see this person in turns.
         evidence = gather(own, association.rig, config)
-        trajectories[person] = smooth_evidence(evidence, own.skeleton, association.rig, config, told)
+        trajectories[person] = smooth_evidence(evidence, own.skeleton, association.rig, config, told, unfinished)
         n_done += own.n_frames
         if progress:
             progress(n_done, n_frames)

@@ -41,6 +41,8 @@ def open_recording(
     jpeg_quality: int = 80,
     image_limit_mb: float | None = 1000.0,
     n_frames: int | None = None,
+    every: int = 1,
+    images_every: int | None = None,
     made_by: str = "",
 ) -> Recording:
     """Open a recording with its cameras, skeleton and layout; close it, or use it in a ``with`` block.
@@ -62,6 +64,9 @@ def open_recording(
             connect late; None: no limit, and live the oldest frames are dropped, results and pictures alike.
         n_frames: how many frames the recording will have. When their pictures exceed the limit they are thinned out
             evenly. None: not known; the pictures end at the limit.
+        every: one frame in so many is shown, so that the file of a long recording stays small; its name in the viewer
+            says so.
+        images_every: one picture in so many frames is shown; None: that of every frame that is.
         made_by: command of fgpose, which the file then says.
 
     Returns:
@@ -74,14 +79,18 @@ def open_recording(
     """
     if trajectories is not None and _are_no_names(trajectories):
         raise ValueError(f"results need different names, none of them camera or views; got {', '.join(trajectories)}")
-    pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
+    if every < 1:
+        raise ValueError(f"every must be positive, got {every}")
+    pictures = PictureOptions(
+        image_width_px, jpeg_quality, image_limit_mb, n_frames, every if images_every is None else images_every
+    )
     if path is None and not live:
         return Recording()
     with _rerun_needed():
         from fgpose.viewer.rerun.recording import RerunRecording
         from fgpose.viewer.rerun.session import Target
     server_mb = _PEOPLE_MB if trajectories is None else _RESULTS_MB
-    target = Target(None if path is None else Path(path), port if live else None, endless, made_by, server_mb)
+    target = Target(None if path is None else Path(path), port if live else None, endless, made_by, server_mb, every)
     return RerunRecording(target, (rig, skeleton, tuple(trajectories or ())), up, pictures)
 
 

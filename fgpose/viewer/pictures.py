@@ -24,9 +24,10 @@ class PictureOptions:
     jpeg_quality: int
     image_limit_mb: float | None
     n_frames: int | None
+    every: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("image_width_px", "image_limit_mb", "n_frames"):
+        for name in ("image_width_px", "image_limit_mb", "n_frames", "every"):
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise ValueError(f"{name} must be positive, got {value}")
@@ -68,10 +69,12 @@ class CameraPictures:
         return self._used_bytes > self._limit_bytes
 
     def wants(self, frame: int) -> bool:
-        """Whether the picture of a frame is within the limit.
+        """Whether the picture of a frame is shown, and within the limit.
 
         Where the number of frames is known, pictures are thinned out evenly over the recording.
         """
+        if frame % self._options.every:
+            return False
         if self._options.n_frames is None or self.full:
             return not self.full
         share = min(1.0, (frame + 1) / self._options.n_frames)

@@ -53,7 +53,8 @@ class Smooth(EstimatorOptions):
         source = self.load()
         with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
-                result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
+                kept = {"compare": outputs.shown, "unfinished": outputs.unfinished}
+                result = run_smooth(source, self.parameters, progress, **kept)
             return deliver(result, outputs, viewer, strict=self.strict)
 
 

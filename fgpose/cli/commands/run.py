@@ -66,6 +66,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
     """Show the images in the .rrd file and with --live."""
     image_width: Annotated[int, arg(metavar="PX")] = 640
     """Largest width of the images in the .rrd file, pixels; larger ones are shrunk."""
+    image_fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: of every frame shown)")] = None
+    """Images per second of each camera in the .rrd file. All together take at most 1 GB."""
 
     def sources(self) -> Sources:
         if self.rig is not None:
@@ -84,7 +86,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
             raise ValueError("the world of --calibrate has z up: leave --world-up out")
         if self.image_width < 1:
             raise ValueError(f"--image-width must be at least 1, got {self.image_width}")
-        outputs, console = replace(self.outputs(self.videos), image_width_px=self.image_width), new_console()
+        console, outputs = new_console(), self.outputs(self.videos)
+        outputs = replace(outputs, image_width_px=self.image_width, image_fps=self.image_fps)
         wanted = {"poses": self.refine_calibration, "clocks": self.estimate_time_offsets}
         inputs = tuple(path for path in (self.rig, self.intrinsics) if path is not None)
         outputs.check(("smoothed",), inputs, calibration=self.calibrate or any(wanted.values()))
@@ -105,7 +108,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
 
         with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
-                result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
+                kept = {"compare": outputs.shown, "unfinished": outputs.unfinished}
+                result = run_smooth(source, self.parameters, progress, **kept)
             return deliver(result, outputs, viewer, show_all, strict=self.strict)
 
     def _calibrated(self, detected: Detected, outputs: Outputs, console: Console) -> CalibratedFromPeople | None:

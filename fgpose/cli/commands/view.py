@@ -15,7 +15,8 @@ from fgpose.child_process import run_program
 from fgpose.cli.console import new_console
 from fgpose.cli.viewers import has_display, rerun_program, warn_if_others_reach
 from fgpose.geometry.up_axis import UpChoice
-from fgpose.plain_files import open_plain
+from fgpose.plain_files import naming, open_plain
+from fgpose.sampling import TimeRange
 
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
@@ -28,11 +29,16 @@ _RRD_START = b"RRF"
 class View:
     """Open the Rerun viewer on a .rrd file or on a result (parquet, npz, TRC, C3D).
 
-    Example: fgpose view out/demo.rrd
+    Example: fgpose view out/demo.rrd; or, of a long recording, fgpose view out/pose.parquet --from 600 --to 660
     """
 
     file: Positional[Path]
     """A .rrd file, or a trajectory file in any of the formats that fgpose writes."""
+    from_s: Annotated[float | None, arg(name="from", metavar="S", help_behavior_hint="(default: beginning)")] = None
+    """Show only what is later: a time of the recording, seconds; of live recordings since their beginning.
+    Frames of a trajectory file are then counted from there."""
+    to_s: Annotated[float | None, arg(name="to", metavar="S", help_behavior_hint="(default: end)")] = None
+    """Show only what is earlier."""
     web: bool = False
     """Show it in a browser instead of a window of its own. Ctrl-C ends."""
     host: str = "127.0.0.1"
@@ -46,13 +52,20 @@ class View:
     def run(self) -> None:
         with open_plain(self.file) as file:
             is_rrd = file.read(len(_RRD_START)) == _RRD_START
-        if is_rrd:
+        if is_rrd and self.from_s is None and self.to_s is None:
             self._open(self.file)
             return
+        wanted = TimeRange(-np.inf if self.from_s is None else self.from_s, np.inf if self.to_s is None else self.to_s)
         with tempfile.TemporaryDirectory(prefix="fgpose-") as folder:
-            self._open(self._made_rrd(Path(folder)))
+            self._open(self._rrd_part(wanted, Path(folder)) if is_rrd else self._made_rrd(wanted, Path(folder)))
 
-    def _made_rrd(self, folder: Path) -> Path:
+    def _rrd_part(self, wanted: TimeRange, folder: Path) -> Path:
+        rerun_program()  # says how to install it
+        from fgpose.viewer.rerun.rrd_part import rrd_part
+
+        return rrd_part(self.file, wanted, folder)
+
+    def _made_rrd(self, wanted: TimeRange, folder: Path) -> Path:
         """A .rrd file of a trajectory file."""
         from fgpose.io.calibration import load_rig
         from fgpose.io.trajectories import load_upright
@@ -60,12 +73,19 @@ class View:
 
         given = load_rig(self.rig) if self.rig is not None else None
         people, up_R_world = load_upright(self.file, self.world_up, given)
+        with naming(self.file):
+            people = _between(people, wanted)
         skeleton = next(iter(people.values())).skeleton
         rig, people = _with_rig(given.turned(up_R_world) if given is not None else None, people)
         outputs = Outputs(folder, self.file.stem, ("rrd",), "z")
         time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
         alone = (self.file.stem,) if len(people) == 1 else None
-        with outputs.open_recording(rig, skeleton, alone, len(time_s)) as recording:
+        every = outputs.shown_every(time_s)
+        if every > 1:
+            new_console(stderr=True).print(
+                f"one frame in {every} of {len(time_s)} is shown; --from and --to show all frames of a part"
+            )
+        with outputs.open_recording(rig, skeleton, alone, time_s) as recording:
             for person, trajectory in people.items():
                 if alone:
                     recording.log_trajectory(self.file.stem, trajectory)
@@ -88,6 +108,13 @@ class View:
         code = run_program(command)
         if code:
             raise OSError(f"the viewer ended with code {code}")
+
+
+def _between(people: dict[int, Trajectory], wanted: TimeRange) -> dict[int, Trajectory]:
+    """Those who are there in that time, in its frames. Raises ValueError if no frame is."""
+    wanted.of(np.unique(np.concatenate([each.time_s for each in people.values()])))
+    there = {n: wanted.contains(each.time_s) for n, each in people.items()}
+    return {n: each.frames(there[n]) for n, each in people.items() if there[n].any()}
 
 
 def _with_rig(rig: CameraRig | None, people: dict[int, Trajectory]) -> tuple[CameraRig, dict[int, Trajectory]]:

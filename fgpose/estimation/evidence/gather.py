@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config, DepthConfig
 from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock, delays_s
-from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, concatenated
+from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence
 from fgpose.estimation.evidence.fusion import fuse_undistorted
 from fgpose.estimation.evidence.plausibility import Bodies, far_outside_images
 from fgpose.estimation.evidence.weights import detection_weights
@@ -22,7 +22,7 @@ from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose_factors.robust_statistics import robust_sigma
 
-_FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
+_FRAMES_AT_ONCE = 1000  # bounds the memory of intermediate arrays
 _FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
 # So many depths of a view tell their spread: 17 joints for 30 frames. The depths of a body share most of their error,
 # which is correlated in time, so fewer would tell the error of that moment.
@@ -103,11 +103,7 @@ def _without(
 def _gather(
     observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
 ) -> Evidence:
-    starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
-    parts = [slice(start, start + _FRAMES_AT_ONCE) for start in starts]
-    gathered = [_without_depths(observations.frames(part), rig, config, credible[part]) for part in parts]
-    triangulated_m = np.concatenate([part_m for _, part_m in gathered])
-    evidence = concatenated([part for part, _ in gathered])
+    evidence, triangulated_m = _in_parts(observations, rig, config, credible)
     if config.depth.use == "never" or observations.points3d_m is None:
         return evidence
     # Of all frames together: the whole recording tells how good the depths are.
@@ -119,6 +115,26 @@ def _gather(
         depth_sigma_m=depth_sigma_m,
         anchored=evidence.anchored & ~np.isfinite(depth_sigma_m).any(axis=1),
     )
+
+
+def _in_parts(
+    observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
+) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
+    """_without_depths, of a long recording part by part."""
+    if observations.n_frames <= _FRAMES_AT_ONCE:
+        return _without_depths(observations, rig, config, credible)
+    whole: dict[str, np.ndarray] = {}
+    unknown = _not_known_yet(observations.confidence.shape)
+    for start in range(0, observations.n_frames, _FRAMES_AT_ONCE):
+        part = slice(start, start + _FRAMES_AT_ONCE)
+        evidence, triangulated_m = _without_depths(observations.frames(part), rig, config, credible[part])
+        for name, values in (vars(evidence) | {"triangulated_m": triangulated_m}).items():
+            if name not in whole and name not in unknown:
+                whole[name] = np.empty((observations.n_frames, *values.shape[1:]), values.dtype)
+            if name not in unknown:
+                whole[name][part] = values
+    triangulated_m = whole.pop("triangulated_m")
+    return Evidence(**whole, **unknown), triangulated_m
 
 
 def _without_depths(
@@ -141,25 +157,33 @@ def _without_depths(
     evidence = Evidence(
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
-        bias_px=np.zeros_like(undistorted_px),
-        bias_share=np.ones(triangulated_m.shape[:2]),
         weights=detection_weights(fusion, observations.confidence, rig, config.projection),
         sigma_px=np.broadcast_to(rig.in_own_px(config.projection.sigma_px), observations.confidence.shape).copy(),
-        visibility=np.ones(observations.confidence.shape),
         credible=credible,
         n_views=observations.seen.sum(axis=1),
         fused_m=fusion.positions_m,
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
-        off_path_m=np.full_like(triangulated_m, np.nan),
         anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1),
         views_m=nowhere,
         rays=nowhere,
         depth_sigma_m=no_view,
-        from_bones=np.zeros(triangulated_m.shape[:2], dtype=bool),
         delay_s=delays_s(observations, rig),
         implausible=2 * far_outside.sum(axis=(1, 2)) > observations.seen.sum(axis=(1, 2)),
+        **_not_known_yet(observations.confidence.shape),
     )
     return evidence, triangulated_m
+
+
+def _not_known_yet(shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
+    """What only a motion tells of so many frames, cameras and joints; one number each takes no memory."""
+    n_frames, _, n_joints = shape
+    return {
+        "bias_px": np.broadcast_to(0.0, (*shape, 2)),
+        "bias_share": np.broadcast_to(1.0, (n_frames, n_joints)),
+        "visibility": np.broadcast_to(1.0, shape),
+        "off_path_m": np.broadcast_to(np.nan, (n_frames, n_joints, 3)),
+        "from_bones": np.broadcast_to(np.False_, (n_frames, n_joints)),
+    }
 
 
 def _depths(

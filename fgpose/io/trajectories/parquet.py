@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ from fgpose.io.tables import (
     numbers,
     read_table,
     symmetric,
-    write_table,
+    write_row_groups,
 )
 from fgpose.io.trajectories.description import describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
@@ -32,6 +33,7 @@ _AXES = "xyz"
 _PREFIX = "fgpose."
 _ORIGIN = "origin"
 _HAS_COVARIANCE = "has_covariance"
+_FRAMES_AT_ONCE = 5000  # in a group of rows: 30 MB
 _MAX_PERSON = 1_000_000_000
 _PER_CAMERA = ("residual_px", "visibility")  # fields with one column for each camera: residual_px_<camera>
 
@@ -62,18 +64,26 @@ def write_parquet(
         ValueError: people differ in skeleton or cameras, or some have a covariance, residuals or visibility only.
         OSError: the file cannot be written.
     """
-    import pyarrow as pa
-
     _check_alike(people)
     texts = {
         person: describe(trajectory) | {_HAS_COVARIANCE: str(trajectory.covariance_m2 is not None).lower()}
         for person, trajectory in people.items()
     }
-    tables = [pa.table(_columns(trajectory, person, frames[person])) for person, trajectory in people.items()]
-    table = pa.concat_tables(tables).combine_chunks()
     known = _joined(texts) | ({} if origin is None else {_ORIGIN: origin_to_json(origin, path.parent)})
-    table = table.replace_schema_metadata({_PREFIX + name: text for name, text in known.items()})
-    write_table(path, table)
+    tables = _tables(people, frames)
+    first = next(tables)
+    schema = first.schema.with_metadata({_PREFIX + name: text for name, text in known.items()})
+    write_row_groups(path, schema, (each.replace_schema_metadata(schema.metadata) for each in chain([first], tables)))
+
+
+def _tables(people: Mapping[int, Trajectory], frames: Mapping[int, Int[np.ndarray, " frame"]]) -> Iterator[pa.Table]:
+    """Of some frames each; one at least."""
+    import pyarrow as pa
+
+    for person, trajectory in people.items():
+        for start in range(0, max(trajectory.n_frames, 1), _FRAMES_AT_ONCE):
+            part = slice(start, start + _FRAMES_AT_ONCE)
+            yield pa.table(_columns(trajectory.frames(part), person, frames[person][part]))
 
 
 def _check_alike(people: Mapping[int, Trajectory]) -> None:

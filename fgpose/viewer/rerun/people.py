@@ -34,7 +34,6 @@ from fgpose.viewer.rerun.scene import (
 # Smaller than those of one person: people are smaller in the images, and may hide each other.
 _DETECTION_RADIUS = rr.Radius.ui_points(2.5)
 _LABEL_RADIUS = rr.Radius.ui_points(0.5)  # the text is to be seen, not its point
-_UNDISTORTED_AT_ONCE = 5000  # OpenCV takes 600 bytes for each joint
 _LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
 
 
@@ -81,6 +80,11 @@ class OwnedDetections:
                 known = detection != NOBODY
                 owner[detection[known], joint[known]] = each.person
         return OwnedDetections(np.zeros(image.n_people, dtype=int), image.points2d_px, owner)
+
+    def thinned(self, every: int) -> OwnedDetections:
+        """Of one frame in so many."""
+        kept = self.frame % every == 0
+        return OwnedDetections(self.frame[kept] // every, self.points2d_px[kept], self.owner[kept])
 
     def n_unused(self, n_frames: int) -> Int[np.ndarray, " frame"]:
         """How many detections of each frame belong to nobody."""
@@ -170,24 +174,25 @@ def log_person_styles(stream: rr.RecordingStream, rig: CameraRig, skeleton: Skel
     stream.log(paths.join(paths.TRACKS, name), lanes, static=True)
 
 
-def association_rows(association: Association, rig: CameraRig) -> Iterator[Rows]:
+def association_rows(association: Association, rig: CameraRig, every: int = 1) -> Iterator[Rows]:
     """Detections in every camera, how many of them are nobody's, lives of the tracks, how many people there are.
 
     Args:
         association: of the whole recording.
         rig: its cameras, in its order.
+        every: rows are made of one frame in so many.
     """
-    n_frames = len(association.frames.image)
+    time_s = association.frames.frame_time_s[::every]
     for c, camera in enumerate(rig.cameras):
-        yield from _camera_rows(OwnedDetections.of(association, c), camera, n_frames)
-    n_people = np.zeros(n_frames)
+        yield from _camera_rows(OwnedDetections.of(association, c).thinned(every), camera, len(time_s))
+    n_people = np.zeros(len(time_s))
     for person in association.people:
-        state = presence(association, person)
+        state = presence(association, person)[::every]
         n_people += (state == Presence.SEEN) | (state == Presence.PREDICTED)
         yield _life_rows(person, state)
     yield scalar_rows(paths.N_PEOPLE, n_people)
     event_s = np.array([event.time_s for event in association.events])
-    yield _event_rows(association.events, nearest(event_s, association.frames.frame_time_s))
+    yield _event_rows(association.events, nearest(event_s, time_s))
 
 
 def update_rows(
@@ -228,9 +233,7 @@ def _camera_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> 
 
 
 def _detection_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> Rows:
-    n_parts = 1 + len(detections.points2d_px) // _UNDISTORTED_AT_ONCE
-    parts_px = np.array_split(detections.points2d_px, n_parts)
-    points_px = np.concatenate([camera.undistort(part_px) for part_px in parts_px])
+    points_px = camera.undistort(detections.points2d_px)
     known = np.isfinite(points_px).all(axis=-1)
     detection, joint = np.nonzero(known)
     fields = {

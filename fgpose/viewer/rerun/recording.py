@@ -21,6 +21,7 @@ from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.recording import Recording
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.blueprint import blueprint, people_blueprint
+from fgpose.viewer.rerun.frame_clock import FrameClock
 from fgpose.viewer.rerun.people import (
     Presence,
     absent,
@@ -42,32 +43,6 @@ from fgpose.viewer.rerun.rows import scalar_rows
 from fgpose.viewer.rerun.session import RerunSession, Target
 
 _EARLIER_THICKNESS = 0.5  # of all results but the last, which shall stand out
-
-
-class _Clock:
-    """Learns the frames of a recording as they are logged, in any order."""
-
-    def __init__(self) -> None:
-        self._time_s: dict[int, float] = {}
-        self.last_frame = -1
-        """The last that has been logged; -1: none has."""
-
-    def learn(self, first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
-        """Times of frames from first_frame on."""
-        frames = range(first_frame, first_frame + len(time_s))
-        self._time_s |= dict(zip(frames, time_s.tolist(), strict=True))
-        self.last_frame = max(self.last_frame, *frames, -1)
-
-    def forget(self, frame: int) -> None:
-        """Times of the frames before this one are not needed any more."""
-        self._time_s = {known: time_s for known, time_s in self._time_s.items() if known >= frame}
-
-    def time_s(self, frame: int) -> float:
-        """Of a frame between the first that is known and the last; interpolated if it has not been logged."""
-        if frame in self._time_s:
-            return self._time_s[frame]
-        known = sorted(self._time_s)
-        return float(np.interp(frame, known, [self._time_s[each] for each in known]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +77,15 @@ class RerunRecording(RerunSession, Recording):
     ) -> None:
         rig, skeleton, self._results = scene
         self._up: UpAxis = up
+        self._every, self._kept = target.every, slice(None, None, target.every)
         self._factors: tuple[str, ...] = ()
         self._last_status: dict[str, np.ndarray] = {}
         self._introduced: set[int] = set()
-        self._clock = _Clock()
+        self._clock = FrameClock()
         self._last: dict[int, _Last] = {}
         self._presence: dict[int, Presence] = {}
+        self._events: list[TrackEvent] = []
+        """Of updates that are not shown since the one that was."""
         self._update = -1
         """Frame of the newest update; -1: there was none."""
         following = target.port is not None
@@ -126,11 +104,15 @@ class RerunRecording(RerunSession, Recording):
         undistorted_px: Float[np.ndarray, "frame camera joint 2"] | None = None,
     ) -> None:
         self._check_observations(observations, weights)
-        self._send(observation_rows(observations, self._rig, weights, undistorted_px), observations.frame_time_s)
+        shown = observations.frames(self._kept)
+        weights, undistorted_px = (None if each is None else each[self._kept] for each in (weights, undistorted_px))
+        rows = observation_rows(shown, self._rig, weights, undistorted_px)
+        self._send(rows, shown.frame_time_s, step=self._every)
 
     def log_trajectory(self, name: str, trajectory: Trajectory) -> None:
         self._check_trajectory(name, trajectory)
-        self._send(trajectory_rows(name, trajectory, self._rig, *self._look(name)), trajectory.time_s)
+        shown = trajectory.frames(self._kept)
+        self._send(trajectory_rows(name, shown, self._rig, *self._look(name)), shown.time_s, step=self._every)
 
     def log_residuals(
         self, time_s: Float[np.ndarray, " frame"], residuals: Mapping[str, Float[np.ndarray, "frame joint"]]
@@ -138,10 +120,12 @@ class RerunRecording(RerunSession, Recording):
         self._check_residuals(len(time_s), residuals)
         if residuals:
             self._name_factors(tuple(residuals))
-            self._send(residual_rows(self._skeleton, residuals), time_s)
+            shown = {factor: values[self._kept] for factor, values in residuals.items()}
+            self._send(residual_rows(self._skeleton, shown), time_s[self._kept], step=self._every)
 
     def log_update_times(self, time_s: Float[np.ndarray, " frame"], update_ms: Float[np.ndarray, " frame"]) -> None:
-        self._send([scalar_rows(paths.UPDATE_MS, update_ms)], time_s)
+        rows = [scalar_rows(paths.UPDATE_MS, update_ms[self._kept])]
+        self._send(rows, time_s[self._kept], step=self._every)
 
     def log_estimate(
         self,
@@ -152,6 +136,10 @@ class RerunRecording(RerunSession, Recording):
         update_ms: float | None = None,
         residuals: Mapping[str, Float[np.ndarray, " joint"]] | None = None,
     ) -> None:
+        if estimate.smoothed is not None and "smoothed" in self._results:
+            self._log_frame("smoothed", estimate.smoothed)
+        if estimate.frame % self._every:
+            return
         now = np.array([estimate.time_s]), estimate.frame
         if observations is not None:
             of_frame = None if weights is None else weights[None]
@@ -165,13 +153,13 @@ class RerunRecording(RerunSession, Recording):
             self._name_factors(tuple(residuals))
             self._send(residual_rows(self._skeleton, by_factor), *now)
         self._log_frame("online", estimate)
-        if estimate.smoothed is not None and "smoothed" in self._results:
-            self._log_frame("smoothed", estimate.smoothed)
         self._updated(estimate.frame)
 
     def _log_frame(self, name: str, estimate: Estimate) -> None:
         trajectory = Trajectory.from_estimates([estimate], self._rig.names)
         self._check_trajectory(name, trajectory)
+        if estimate.frame % self._every:
+            return
         before = self._last_status.get(name)
         rows = trajectory_rows(name, trajectory, self._rig, *self._look(name), before)
         self._send(rows, trajectory.time_s, estimate.frame)
@@ -193,7 +181,7 @@ class RerunRecording(RerunSession, Recording):
         cameras = self._rig.subset(association.rig.names)
         self._introduce(association.people)
         time_s = association.frames.frame_time_s
-        self._send(association_rows(association, cameras), time_s)
+        self._send(association_rows(association, cameras, self._every), time_s[self._kept], step=self._every)
         self._pass(0, time_s)
 
     def log_person(self, person: int, trajectory: Trajectory, first_frame: int = 0) -> None:
@@ -206,8 +194,13 @@ class RerunRecording(RerunSession, Recording):
         self._check_images(frame, images)
         if not images:
             return
+        self._events += events
+        if frame % self._every:
+            return
         time_s = float(np.mean([image.time_s for image in images]))
-        self._show_update(frame, time_s, images, people, events, self._rig.names if len(images) > 1 else ())
+        emptied = self._rig.names if len(images) > 1 else ()
+        self._show_update(frame, time_s, images, people, self._events, emptied)
+        self._events = []
 
     def _show_update(
         self,
@@ -237,15 +230,18 @@ class RerunRecording(RerunSession, Recording):
 
     def _show(self, people: Mapping[int, Trajectory], first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
         """The motion of people, all in the same frames."""
-        before = {person: last for person, last in self._last.items() if last.frame + 1 == first_frame}
+        before = {person: last for person, last in self._last.items() if 0 < first_frame - last.frame <= self._every}
         going_on = {person: last for person, last in before.items() if person in people}
         for person in going_on:
             del self._last[person]
         self._pass(first_frame, time_s)
         self._introduce(people)
+        skipped = -first_frame % self._every
+        kept = slice(skipped, None, self._every)
         for person, trajectory in people.items():
             status = going_on[person].status if person in going_on else None
-            self._send(person_rows(person, trajectory, self._rig, up_vector(self._up), status), time_s, first_frame)
+            rows = person_rows(person, trajectory.frames(kept), self._rig, up_vector(self._up), status)
+            self._send(rows, time_s[kept], first_frame + skipped, self._every)
             last_frame = first_frame + trajectory.n_frames - 1
             self._last[person] = _Last(last_frame, trajectory.status[-1].copy(), absent(trajectory))
         self._end()
@@ -265,7 +261,8 @@ class RerunRecording(RerunSession, Recording):
         """Whoever was shown last in a frame before the last one disappears."""
         over = {person: last for person, last in self._last.items() if last.frame < self._clock.last_frame}
         for person, last in over.items():
-            frame = last.frame + 1
+            # The next one that is shown, if there is one.
+            frame = min(last.frame + self._every - last.frame % self._every, self._clock.last_frame)
             rows = person_rows(person, last.after, self._rig, up_vector(self._up), last.status)
             self._send(rows, np.array([self._clock.time_s(frame)]), frame)
             del self._last[person]

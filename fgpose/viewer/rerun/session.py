@@ -55,6 +55,8 @@ class Target:
     server_mb: float = 256.0
     """Memory for data other than pictures that is kept for viewers who connect late; the oldest frames are dropped
     first."""
+    every: int = 1
+    """One frame in so many is shown."""
 
 
 class RerunSession(Session):
@@ -99,7 +101,8 @@ class RerunSession(Session):
             if self._file is not None:
                 self._file.is_opened()
         if target.path is not None:
-            self._stream.send_recording_name(target.path.stem)
+            thinned = f", one frame in {target.every}" if target.every > 1 else ""
+            self._stream.send_recording_name(f"{target.path.stem}{thinned}")
 
     def _sinks(self, server_mb: float) -> Iterable[rr.FileSink | rr.GrpcServerSink]:
         sinks, target = [], self._target
@@ -213,8 +216,10 @@ class RerunSession(Session):
         except (RuntimeError, OSError) as error:
             raise not_written(self._target.path or self.viewer_url, error) from None
 
-    def _send(self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"], first_frame: int = 0) -> None:
-        frame = first_frame + np.arange(len(time_s))
+    def _send(
+        self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"], first_frame: int = 0, step: int = 1
+    ) -> None:
+        frame = first_frame + step * np.arange(len(time_s))
         for of_entity in rows:
             of_entity.send(self._open_stream, frame, time_s, self.time_kind)
             self._count(of_entity.n_bytes)

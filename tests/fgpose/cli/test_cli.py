@@ -6,12 +6,14 @@ import os
 import socket
 import subprocess
 import sys
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rrd_contents import rows
 from scipy.interpolate import CubicSpline
 
 from fgpose.cli import app, main, viewers
@@ -287,6 +289,62 @@ def test_evaluate_against_itself(folder: Path, tmp_path: Path, capsys: pytest.Ca
     assert "left_ankle" in printed
     (mpjpe,) = (line for line in printed.splitlines() if "MPJPE, absolute" in line)
     assert mpjpe.split()[-1] == "0.0"
+
+
+@pytest.mark.filterwarnings("default:2 of 3 windows were solved")
+def test_an_interrupted_run_goes_on_where_it_was(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    windows = ["--solver.window-s", "0.05", "--solver.overlap-s", "0.02", "--formats", "npz"]
+    assert main(["smooth", *source, "--output", str(tmp_path / "whole"), *windows]) == 0
+
+    @contextmanager
+    def interrupted(task: str) -> Iterator[Callable[[int, int], None]]:
+        def progress(done: int, total: int) -> None:
+            if done > total / 2:
+                raise KeyboardInterrupt
+
+        yield progress
+
+    with monkeypatch.context() as patched:
+        patched.setattr(estimators, "progress_bar", interrupted)
+        assert main(["smooth", *source, "--output", str(tmp_path / "out"), *windows]) == 130
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [".walk_unfinished"]
+    assert main(["smooth", *source, "--output", str(tmp_path / "out"), *windows]) == 0
+    assert "2 of 3 windows were solved by a run that did not end; it goes on from there" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["walk.npz"]
+    resumed, whole = (load_trajectory(tmp_path / folder / "walk.npz") for folder in ("out", "whole"))
+    np.testing.assert_array_equal(resumed.positions_m, whole.positions_m)
+
+
+def test_a_part_of_what_the_viewer_shows_by_some_frames(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = ["--output", str(tmp_path), "--formats", "parquet", "rrd", "--rrd-fps", "20"]
+    assert main(["smooth", *source, *options]) == 0
+    rrd, parquet = tmp_path / "walk.rrd", tmp_path / "walk.parquet"
+    said = f"{rrd} shows one frame in 3, 20 a second (--rrd-fps); all of a minute: fgpose view {parquet} --from 0"
+    assert said in capsys.readouterr().out
+    shown: list[list[float]] = []
+
+    def run(command: list[str]) -> int:
+        of_either = (f"/world/{name}/joints" for name in ("smoothed", "walk"))
+        found = [rows(Path(command[1]), entity, "Points3D:positions") for entity in of_either]
+        shown.append([time_s for of_entity in found for time_s, _ in of_entity.values()])
+        return 0
+
+    monkeypatch.setattr(view, "run_program", run)
+    part = ["--web", "--from", "0.05", "--to", "0.1"]
+    assert main(["view", str(rrd), *part]) == main(["view", str(parquet), *part]) == 0
+    # Of frames at 60 Hz, and of every third of them.
+    np.testing.assert_allclose(shown[0], [0.05, 0.1], atol=1e-9)
+    np.testing.assert_allclose(shown[1], np.arange(3, 7) / 60, atol=1e-9)
+    capsys.readouterr()
+    for path in (rrd, parquet):
+        assert f"{path}: no frame is from 3 s on: there are frames from 0 s to 0.15" in failure(
+            ["view", str(path), "--from", "3"], capsys
+        )
+    assert "--rrd-fps must be positive" in failure(["smooth", *source, "--rrd-fps", "0"], capsys)
 
 
 @pytest.mark.parametrize("with_rig", [False, True])

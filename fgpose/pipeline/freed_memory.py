@@ -1,0 +1,16 @@
+"""Memory that is free within the process, handed back to the system."""
+
+from __future__ import annotations
+
+import ctypes
+from contextlib import suppress
+
+
+def hand_back() -> None:
+    """Call it where much has just been freed and much will be taken.
+
+    The C library keeps what it was given for small arrays, and takes more for larger ones: of a long recording, as much
+    again as is needed. Where it is not glibc, nothing happens.
+    """
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
