@@ -156,6 +156,9 @@ class StandInTracker:
         self._followed: dict[int, _Followed] = {}
         self._n_updates, self._updated_s = 0, math.nan
 
+    def await_ready(self) -> None:
+        """It has no processes."""
+
     def update(self, images: Sequence[Detections]) -> list[Tracked]:
         """See Tracker."""
         self._fails("update")

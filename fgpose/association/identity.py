@@ -283,7 +283,8 @@ def log_ratio_of_place(
     sigma_m = _NEAR_M + _WALKS_MPS * gap_s
     distance_m = float(np.linalg.norm(now_m - before_m))
     density = np.exp(-0.5 * (distance_m / sigma_m) ** 2) / (2 * np.pi * sigma_m**2)
-    # They may as well come back anywhere, as who would be outside of the room by now; but nobody gets there at once.
+    if gap_s <= 1.0:  # nobody gets far at once
+        return float(np.log(density * room_m2 + 1e-3))
+    # They may as well come back anywhere, as who would be outside of the room by now.
     inside = min(1.0, room_m2 / (2 * np.pi * sigma_m**2))
-    elsewhere = 1e-3 if gap_s <= 1.0 else 1.0 - 0.5 * inside
-    return float(np.log(0.5 * density * room_m2 + elsewhere))
+    return float(np.log(0.5 * density * room_m2 + 1.0 - 0.5 * inside))
