@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from jaxtyping import Float
 
 from fgpose.estimation.segment import Segment
 from fgpose.io.arrays import read_arrays, write_arrays
+from fgpose.io.code_digest import code_digest
 from fgpose.trajectory import Convergence
 
 _DIGESTED_AT_ONCE = 1 << 24  # bytes
@@ -121,7 +121,7 @@ def _solution(arrays: dict[str, np.ndarray]) -> Solution:
 
 def _digest(recording: Segment) -> str:
     """Of all that its solution depends on: the evidence, the cameras, the parameters and the code."""
-    digest = hashlib.sha256(_code_digest().encode())
+    digest = hashlib.sha256(code_digest(Path(__file__).parent).encode())
     for name, array in vars(recording.evidence).items():
         digest.update(f"{name} {array.shape} {array.dtype}".encode())
         for part in np.array_split(array, max(1, array.nbytes // _DIGESTED_AT_ONCE)):
@@ -134,12 +134,3 @@ def _digest(recording: Segment) -> str:
 
 def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-@cache
-def _code_digest() -> str:
-    """Another release may solve them in another way."""
-    digest = hashlib.sha256()
-    for module in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(module.read_bytes())
-    return digest.hexdigest()

@@ -6,7 +6,6 @@ import hashlib
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import Camera
 from fgpose.io.arrays import checked, read_arrays, texts, write_arrays
+from fgpose.io.code_digest import code_digest
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.network import Network, People
 
@@ -71,18 +71,9 @@ def cache_path(folder: Path, clip: Clip, network: Network, camera: Camera) -> Pa
     the pose of the camera. Raises OSError if the clip cannot be read.
     """
     intrinsics = (camera.size_px, camera.K.tolist(), camera.distortion.tolist(), camera.lens)
-    parts = (_code_digest(), clip.fingerprint(), network.name, network.skeleton.joints, intrinsics)
+    parts = (code_digest(Path(__file__).parent), clip.fingerprint(), network.name, network.skeleton.joints, intrinsics)
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
     return folder / f"{clip.name}-{digest}.npz"
-
-
-@cache
-def _code_digest() -> str:
-    """Digest of the modules of this package: another release may give other detections."""
-    digest = hashlib.sha256()
-    for module in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(module.read_bytes())
-    return digest.hexdigest()
 
 
 def load_detections(path: Path, n_joints: int) -> ViewDetections | None:

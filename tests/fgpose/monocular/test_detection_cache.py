@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from fgpose.io.code_digest import code_digest
 from fgpose.monocular import detection, detection_cache
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
@@ -240,8 +241,21 @@ def test_without_a_cache_nothing_is_written(sources: Sources, squares_network: S
     assert list(tmp_path.iterdir()) == []
 
 
-def test_detections_of_another_code_are_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    read: list[str] = []
-    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path.name) or b"")
-    detection_cache._code_digest.__wrapped__()
-    assert {"absolute.py", "yolox.py", "crops.py"} <= set(read)
+def test_detections_of_another_code_are_made_anew(
+    sources: Sources, squares_network: SquaresNetwork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip, camera = sources.clips[0], sources.rig.cameras[0]
+    own = detection_cache.cache_path(tmp_path, clip, squares_network, camera)
+    asked: list[str] = []
+    monkeypatch.setattr(detection_cache, "code_digest", lambda package: asked.append(package.name) or "another")
+    assert detection_cache.cache_path(tmp_path, clip, squares_network, camera) != own
+    assert asked == ["monocular"]
+
+
+def test_the_digest_is_of_all_modules_below(tmp_path: Path) -> None:
+    package = tmp_path / "package"
+    (package / "inner").mkdir(parents=True)
+    (package / "inner" / "crops.py").write_text("one")
+    one = code_digest.__wrapped__(package)
+    (package / "inner" / "crops.py").write_text("two")
+    assert code_digest.__wrapped__(package) != one
