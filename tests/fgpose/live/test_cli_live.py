@@ -19,6 +19,7 @@ from fgpose.cli.commands.live import _on_signals
 from fgpose.config import Config
 from fgpose.io.calibration import save_rig
 from fgpose.io.live.tracker_memory import load_memory
+from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.live.frame import CameraState, LiveFrame
 from fgpose.live.link_distance import LinkDistance
 from fgpose.live.outputs.frame_messages import decode_frame
@@ -29,9 +30,7 @@ from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.robot.distance_messages import decode_distances, encode_robot
 
-RUN_S = 4.0
-SENDS_S = 2.5
-"""The detectors stop before the end."""
+SCENE_S = 2.0
 
 
 def free_port() -> int:
@@ -48,23 +47,26 @@ def rig_file(folder: Path) -> Path:
     return path
 
 
-def send(port: int) -> None:
-    """As four detectors: every image when it is taken."""
+def send(port: int, published: threading.Event, turns: int) -> None:
+    """As four detectors, from when something is published on: every image when it is taken, of the scene forth and
+    back, so often. In the first turn the types of functions are checked that were not called yet: it is late."""
+    assert published.wait(timeout=60.0)
     with zmq.Context() as context, context.socket(zmq.PUSH) as detector:
         detector.setsockopt(zmq.LINGER, 0)
         detector.connect(f"tcp://127.0.0.1:{port}")
         skeleton, images = scene().motion.skeleton, scene().observations.images
         begin_s = time.time() + 0.5
-        for image in images:
-            if image.time_s > SENDS_S:
-                break
-            time.sleep(max(begin_s + image.time_s - time.time(), 0.0))
-            size_px = scene().rig.cameras[scene().rig.names.index(image.camera)].size_px
-            seen = image.points2d_px, image.confidence
-            detector.send(encode_keypoints(image.camera, begin_s + image.time_s, size_px, skeleton.name, *seen))
+        for turn in range(turns):
+            for image in images[::-1] if turn % 2 else images:
+                in_turn_s = SCENE_S - image.time_s if turn % 2 else image.time_s
+                time_s = begin_s + turn * SCENE_S + in_turn_s
+                time.sleep(max(time_s - time.time(), 0.0))
+                size_px = scene().rig.cameras[scene().rig.names.index(image.camera)].size_px
+                seen = image.points2d_px, image.confidence
+                detector.send(encode_keypoints(image.camera, time_s, size_px, skeleton.name, *seen))
 
 
-def receive(port: int, frames: list[LiveFrame], stop: threading.Event) -> None:
+def receive(port: int, frames: list[LiveFrame], published: threading.Event, stop: threading.Event) -> None:
     with zmq.Context() as context, context.socket(zmq.SUB) as consumer:
         consumer.setsockopt(zmq.LINGER, 0)
         consumer.subscribe(b"")
@@ -72,6 +74,7 @@ def receive(port: int, frames: list[LiveFrame], stop: threading.Event) -> None:
         while not stop.is_set():
             if consumer.poll(50):
                 frames.append(decode_frame(consumer.recv(), scene().motion.skeleton))
+                published.set()
 
 
 def test_a_device_that_is_not_there_is_said_before_cameras_are_opened(
@@ -89,14 +92,15 @@ def test_a_device_that_is_not_there_is_said_before_cameras_are_opened(
 @pytest.mark.slow
 def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     keypoints_port, frames_port = free_port(), free_port()
-    record, frames, stop = tmp_path / "session.fgpose", [], threading.Event()
+    record, frames = tmp_path / "session.fgpose", []
+    published, stop = threading.Event(), threading.Event()
     threads = [
-        threading.Thread(target=send, args=(keypoints_port,)),
-        threading.Thread(target=receive, args=(frames_port, frames, stop)),
+        threading.Thread(target=send, args=(keypoints_port, published, 1)),
+        threading.Thread(target=receive, args=(frames_port, frames, published, stop)),
     ]
     for thread in threads:
         thread.start()
-    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--duration-s", str(RUN_S)]
+    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--duration-s", "4"]
     arguments += ["--keypoints-port", str(keypoints_port), "--zmq", str(frames_port), "--record", str(record)]
     arguments += ["--resume", str(tmp_path / "people.json")]
     try:
@@ -122,7 +126,8 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
     assert "from image to frame: median" in report
     assert all(name in report for name in scene().rig.names)
 
-    memory = load_memory(tmp_path / "people.json", scene().rig, scene().motion.skeleton, Config())
+    rig = load_live_rig(tmp_path / "rig.toml").rig
+    memory = load_memory(tmp_path / "people.json", rig, scene().motion.skeleton, Config())
     assert len(memory.people) >= 2
 
     recording = load_live_recording(record)
@@ -224,11 +229,11 @@ def write_cell(folder: Path) -> Path:
 @pytest.mark.slow
 def test_distances_are_published(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     keypoints_port, distances_port, poses_port = free_port(), free_port(), free_port()
-    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--duration-s", "4"]
+    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--duration-s", "9"]
     arguments += ["--keypoints-port", str(keypoints_port), "--distances", str(write_cell(tmp_path))]
     arguments += ["--distances-port", str(distances_port), "--poses-port", str(poses_port)]
     measured: list[LinkDistance] = []
-    stop = threading.Event()
+    published, stop = threading.Event(), threading.Event()
 
     def listen() -> None:
         with zmq.Context() as context, context.socket(zmq.SUB) as consumer, context.socket(zmq.PUSH) as robot:
@@ -240,9 +245,10 @@ def test_distances_are_published(tmp_path: Path, capsys: pytest.CaptureFixture[s
             while not stop.is_set():
                 if consumer.poll(50):
                     measured.extend(decode_distances(consumer.recv()))
+                    published.set()
                     robot.send(encode_robot({}, reset=True))
 
-    threads = [threading.Thread(target=send, args=(keypoints_port,)), threading.Thread(target=listen)]
+    threads = [threading.Thread(target=send, args=(keypoints_port, published, 3)), threading.Thread(target=listen)]
     for thread in threads:
         thread.start()
     try:
