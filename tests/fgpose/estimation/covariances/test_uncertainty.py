@@ -65,8 +65,9 @@ def test_the_covariance_of_single_frames_covers_the_error(walking_scene: Scene, 
     of a half to 4 points."""
     singles = [slice(frame, frame + 1) for frame in range(0, 60, 6)]
     found = [covered(walking_scene.observations.frames(f), rig, walking_scene.truth_m[f]) for f in singles]
-    # Wider at the middle: variances are shrunk, and inflated for how few frames tell them.
-    assert np.mean([percent[50] for percent in found]) == pytest.approx(50, abs=10)
+    # Wider at the middle: variances are shrunk, and inflated for how few frames tell them. Of whole recordings the 50 %
+    # ellipsoids hold 55 to 58 % (README); two standard deviations around that.
+    assert np.mean([percent[50] for percent in found]) == pytest.approx(56, abs=8)
     assert np.mean([percent[90] for percent in found]) == pytest.approx(90, abs=8)
 
 
