@@ -34,14 +34,14 @@ class PeerProgram:
     """What is measured beside fgpose."""
 
     name: str
-    server: str
-    """The module here that runs it."""
+    package: str
+    """As pip and peer_server.py know it."""
     environment: Path
     """Where its Python is looked for, in the current folder."""
 
 
-ANIPOSELIB = PeerProgram("aniposelib", "peer_server.py", Path(".venv/bench"))
-EKS = PeerProgram("the Ensemble Kalman Smoother", "eks_server.py", Path(".venv/eks"))
+ANIPOSELIB = PeerProgram("aniposelib", "aniposelib", Path(".venv/bench"))
+EKS = PeerProgram("the Ensemble Kalman Smoother", "ensemble-kalman-smoother", Path(".venv/eks"))
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def running_peer(python: Path, program: PeerProgram = ANIPOSELIB) -> Iterator[Pe
         OSError: it does not start; the message ends with the last line that it wrote.
     """
     # -P: the modules beside the server have names that other packages' modules have too.
-    server = [str(python), "-P", str(Path(__file__).with_name(program.server))]
+    server = [str(python), "-P", str(Path(__file__).with_name("peer_server.py")), program.package]
     pipe = subprocess.PIPE
     # Leaving the block closes the server's input, at which it ends, and waits for it.
     with (

@@ -28,10 +28,7 @@ _Value = TypeVar("_Value")
 _FOLDER = Path(__file__).parents[1]
 _SOLVER_SOURCES = tuple(Path(next(iter(package.__path__))) for package in (fgpose, fgpose_factors))
 _OTHER_ROOMS = {"cli", "monocular", "viewer"}  # of fgpose; no solver uses them
-_PEER_SOURCES = (
-    *("accuracy/peer.py", "accuracy/peer_server.py", "accuracy/eks_server.py", "accuracy/peer_methods.py"),
-    "comparison/scores.py",
-)
+_PEER_SOURCES = ("accuracy/peer.py", "accuracy/peer_server.py", "accuracy/peer_methods.py", "comparison/scores.py")
 _AHEAD = 2  # recordings wait for workers, not workers for recordings; more would only fill memory
 
 _warm: set[tuple[str, str]] = set()
