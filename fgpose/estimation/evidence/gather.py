@@ -129,10 +129,11 @@ def _in_parts(
         part = slice(start, start + _FRAMES_AT_ONCE)
         evidence, triangulated_m = _without_depths(observations.frames(part), rig, config, credible[part])
         for name, values in (vars(evidence) | {"triangulated_m": triangulated_m}).items():
-            if name not in whole and name not in unknown:
+            if name in unknown:
+                continue
+            if name not in whole:
                 whole[name] = np.empty((observations.n_frames, *values.shape[1:]), values.dtype)
-            if name not in unknown:
-                whole[name][part] = values
+            whole[name][part] = values
     triangulated_m = whole.pop("triangulated_m")
     return Evidence(**whole, **unknown), triangulated_m
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -17,7 +18,7 @@ from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.window_solver import REVISED_S
 from fgpose.estimation.segment import Marginal, Predecessor, Segment
-from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
+from fgpose.estimation.solvers.block_tridiagonal import BlockTridiagonal, one_blas_thread
 from fgpose.estimation.solvers.forward_pass import Conditional, ForwardPass
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations, position_blocks
@@ -37,18 +38,26 @@ class _Eliminated:
     conditional: Conditional
 
 
+@dataclass(frozen=True, eq=False)
 class _Solved:
     """What the last update has left."""
 
-    def __init__(self, problem: NormalEquations, search: Search[BatchState]) -> None:
-        self._problem = problem
-        near = search.undamped
-        self._matrix = problem.matrix(search.state, near if isinstance(near, Factorized) else None)
-        self.forward = ForwardPass(problem, search.state, self._matrix)
+    problem: NormalEquations
+    search: Search[BatchState]
+
+    @cached_property
+    def _matrix(self) -> BlockTridiagonal:
+        near = self.search.undamped
+        return self.problem.matrix(self.search.state, near if isinstance(near, Factorized) else None)
+
+    @cached_property
+    def forward(self) -> ForwardPass:
+        """Over the frames from the first on."""
+        return ForwardPass(self.problem, self.search.state, self._matrix)
 
     def covariances(self) -> Iterator[Float[np.ndarray, "unknown unknown"]]:
         """See NormalEquations."""
-        return self._problem.covariances(self._matrix)
+        return self.problem.covariances(self._matrix)
 
 
 class WindowEquations:
@@ -163,8 +172,7 @@ class WindowEquations:
                     size = search.descend()
                     if size is None or size < problem.step_tolerance:
                         break
-                self._solved = _Solved(problem, search)
-            self._poses = deque(problem.poses(search.state))
+            self._solved, self._poses = _Solved(problem, search), deque(problem.poses(search.state))
         newest_s = self._frames[-1].at.time_s
         while self._frames[0].at.time_s < newest_s - REVISED_S - TIME_ROUNDING_S:
             self._eliminate()

@@ -202,8 +202,7 @@ class DetectionResiduals:
 def lengths_m(
     evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
 ) -> tuple[Float[np.ndarray, "camera joint"], Float[np.ndarray, "camera joint"]]:
-    """Of the residuals of a frame against a pose, at the joints; and the scales of the images there. NaN where they are
-    not known."""
+    """Of the residuals of a frame, at the joints, and the scales of the images there; NaN where they are not known."""
     px_per_m = rig.px_per_m(positions_m)
     return np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px[0], axis=-1) / px_per_m, px_per_m
 
