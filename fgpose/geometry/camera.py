@@ -21,14 +21,7 @@ from fgpose.plain_files import naming
 REFERENCE_FOCAL_PX = 1145.0
 """Of the cameras of Human3.6M. Parameters in pixels are those of an image with this focal length."""
 
-_UNDISTORTED_AT_ONCE = 100_000  # OpenCV takes 600 bytes for each point
 _MIN_DEPTH_M = 1e-6  # keeps the division by the depth finite
-
-
-def _frozen(array: np.ndarray) -> np.ndarray:
-    array = np.array(array, dtype=float)
-    array.setflags(write=False)
-    return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +58,8 @@ class Camera:
     def __post_init__(self) -> None:
         with naming(f"camera {self.name}"):
             for name in ("K", "world_T_camera", "distortion"):
-                array = _frozen(getattr(self, name))
+                array = np.array(getattr(self, name), dtype=float)
+                array.setflags(write=False)
                 object.__setattr__(self, name, array)
                 if not np.isfinite(array).all():
                     raise ValueError(f"{name} contains a number that is not finite")
@@ -149,11 +143,8 @@ class Camera:
         """
         if not self.distorts:
             return points_px.copy()
-        flat_px = points_px.reshape(-1, 2)
-        lens = self.K, self.distortion, self.lens
-        starts = range(0, max(len(flat_px), 1), _UNDISTORTED_AT_ONCE)
-        parts_px = [without_distortion(flat_px[start : start + _UNDISTORTED_AT_ONCE], *lens) for start in starts]
-        return np.concatenate(parts_px).reshape(points_px.shape)
+        flat = without_distortion(points_px.reshape(-1, 2), self.K, self.distortion, self.lens)
+        return flat.reshape(points_px.shape)
 
     def distort(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:
         """Pixels in the original image of undistorted pixels: the inverse of undistort."""

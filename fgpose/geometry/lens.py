@@ -14,6 +14,7 @@ _DISTORTION_SIZES = {"pinhole": (0, 4, 5, 8), "fisheye": (4,)}
 _MAX_ROUND_TRIP_PX = 1.0
 # cv2.TERM_CRITERIA_COUNT | EPS; 5 iterations (the default) leave 1 px at a corner.
 _UNDISTORT_CRITERIA = (3, 100, 1e-10)
+_AT_ONCE = 100_000  # OpenCV takes 600 bytes for each point
 
 
 def check_lens(lens: str, n_coefficients: int) -> None:
@@ -33,6 +34,20 @@ def without_distortion(
 ) -> Float[np.ndarray, "point 2"]:
     """Pixels of the pinhole image with the same K; NaN where the model has no inverse (far outside the calibrated
     field), and where the point is NaN."""
+    undistorted_px = np.empty_like(points_px)
+    for start in range(0, len(points_px), _AT_ONCE):
+        part = slice(start, start + _AT_ONCE)
+        undistorted_px[part] = _without_distortion(points_px[part], K, distortion, lens)
+    return undistorted_px
+
+
+def _without_distortion(
+    points_px: Float[np.ndarray, "point 2"],
+    K: Float[np.ndarray, "3 3"],
+    distortion: Float[np.ndarray, " coefficients"],
+    lens: LensModel,
+) -> Float[np.ndarray, "point 2"]:
+    """The same of so many points as memory allows at once."""
     import cv2
 
     known = np.isfinite(points_px).all(axis=1)
