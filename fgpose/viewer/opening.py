@@ -64,8 +64,7 @@ def open_recording(
             connect late; None: no limit, and live the oldest frames are dropped, results and pictures alike.
         n_frames: how many frames the recording will have. When their pictures exceed the limit they are thinned out
             evenly. None: not known; the pictures end at the limit.
-        every: one frame in so many is shown, so that the file of a long recording stays small; its name in the viewer
-            says so.
+        every: one frame in so many is shown: files of long recordings stay small. The name in the viewer says so.
         images_every: one picture in so many frames is shown; None: that of every frame that is.
         made_by: command of fgpose, which the file then says.
 
@@ -79,11 +78,7 @@ def open_recording(
     """
     if trajectories is not None and _are_no_names(trajectories):
         raise ValueError(f"results need different names, none of them camera or views; got {', '.join(trajectories)}")
-    if every < 1:
-        raise ValueError(f"every must be positive, got {every}")
-    pictures = PictureOptions(
-        image_width_px, jpeg_quality, image_limit_mb, n_frames, every if images_every is None else images_every
-    )
+    pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames, every, images_every)
     if path is None and not live:
         return Recording()
     with _rerun_needed():

@@ -25,9 +25,10 @@ class PictureOptions:
     image_limit_mb: float | None
     n_frames: int | None
     every: int = 1
+    images_every: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("image_width_px", "image_limit_mb", "n_frames", "every"):
+        for name in ("image_width_px", "image_limit_mb", "n_frames", "every", "images_every"):
             value = getattr(self, name)
             if value is not None and value <= 0:
                 raise ValueError(f"{name} must be positive, got {value}")
@@ -73,7 +74,7 @@ class CameraPictures:
 
         Where the number of frames is known, pictures are thinned out evenly over the recording.
         """
-        if frame % self._options.every:
+        if frame % (self._options.images_every or self._options.every):
             return False
         if self._options.n_frames is None or self.full:
             return not self.full
