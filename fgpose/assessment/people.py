@@ -106,6 +106,11 @@ class PeopleEvaluation:
         return tuple(stay for stay in self.stays if stay.begin_s > start_s)
 
 
+def has_revisions(events: Iterable[TrackEvent]) -> bool:
+    """Whether the tracker revised a number, so that revised gives others."""
+    return any(event.became is not None for event in events)
+
+
 def revised(people: Mapping[int, Trajectory], events: Iterable[TrackEvent]) -> dict[int, Trajectory]:
     """Everybody by the number that they have in the end: what an online tracker published under a number that it
     revised later (TrackEvent.became) is that of the person whom it meant.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.assessment.encounters import Encounter
-from fgpose.assessment.people import PeopleEvaluation, evaluate_people, revised
+from fgpose.assessment.people import PeopleEvaluation, evaluate_people, has_revisions, revised
 from fgpose.assessment.stays import Stay, confirmation_delays_s
 from fgpose_benchmarks.comparison.scores import Scored
 from fgpose_benchmarks.people.recording import PeopleMethod, PeopleRecording, PeopleResult
@@ -83,7 +83,9 @@ def score_people(recording: PeopleRecording, result: PeopleResult, method: Peopl
         ValueError: the result has none of these times, or another skeleton.
     """
     time_s = recording.frames.frame_time_s
-    found = evaluate_people(result.people, recording.truth, time_s=time_s)
+    found = final = evaluate_people(result.people, recording.truth, time_s=time_s)
+    if has_revisions(result.events):
+        final = evaluate_people(revised(result.people, result.events), recording.truth, time_s=time_s)
     frame_min = float(time_s[-1] - time_s[0]) / (len(time_s) - 1) / 60
     person_minutes = sum(person.n_frames for person in found.people) * frame_min
     delays_s = confirmation_delays_s(found.stays, seen_by(2, recording), time_s)
@@ -100,7 +102,7 @@ def score_people(recording: PeopleRecording, result: PeopleResult, method: Peopl
         f1=found.f1,
         mota=found.mota,
         idf1=found.idf1,
-        idf1_revised=evaluate_people(revised(result.people, result.events), recording.truth, time_s=time_s).idf1,
+        idf1_revised=final.idf1,
         hota=found.hota,
         switches=found.switches / person_minutes,
         fragmentations=found.fragmentations / person_minutes,

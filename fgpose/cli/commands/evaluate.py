@@ -47,7 +47,7 @@ class Evaluate:
 
     def run(self) -> None:
         from fgpose.assessment.evaluation import evaluate
-        from fgpose.assessment.people import evaluate_people, revised
+        from fgpose.assessment.people import evaluate_people, has_revisions, revised
         from fgpose.io.trajectories import load_origin, load_upright
 
         estimate, _ = load_upright(self.estimate, self.world_up)
@@ -58,7 +58,7 @@ class Evaluate:
         else:
             measured = partial(evaluate_people, truth=reference, truth_offset_s=self.offset_s, match_m=self.match_m)
             origin, final = load_origin(self.estimate), None
-            if origin is not None and any(event.became is not None for event in origin.events):
+            if origin is not None and has_revisions(origin.events):
                 final = measured(revised(estimate, origin.events))
             print_people_evaluation(new_console(), measured(estimate), final)
 
