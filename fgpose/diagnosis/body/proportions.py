@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.proportions import FOREARM, HIPS, SHANK, SHOULDERS, THIGH, TRUNK, UPPER_ARM
 from fgpose.skeleton import Skeleton
 
 Point = tuple[str, ...]  # the mean of these joints
@@ -23,13 +24,16 @@ class BodyLength(NamedTuple):
 
 
 _SHOULDERS, _HIPS = ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip")
-# Drillis and Contini 1966, in Winter, Biomechanics and Motor Control of Human Movement, fig. 4.1. Networks place hips
-# and shoulders nearer to each other than the widths of the figure.
-_OF_A_SIDE = (("shoulder", "elbow", 0.186), ("elbow", "wrist", 0.146), ("hip", "knee", 0.245), ("knee", "ankle", 0.246))
+_OF_A_SIDE = (
+    ("shoulder", "elbow", UPPER_ARM),
+    ("elbow", "wrist", FOREARM),
+    ("hip", "knee", THIGH),
+    ("knee", "ankle", SHANK),
+)
 _ACROSS = (
-    BodyLength(_SHOULDERS, _HIPS, 0.288),
-    BodyLength(_SHOULDERS[:1], _SHOULDERS[1:], 0.21),
-    BodyLength(_HIPS[:1], _HIPS[1:], 0.13),
+    BodyLength(_SHOULDERS, _HIPS, TRUNK),
+    BodyLength(_SHOULDERS[:1], _SHOULDERS[1:], SHOULDERS),
+    BodyLength(_HIPS[:1], _HIPS[1:], HIPS),
 )
 _LIMBS = tuple(
     BodyLength((f"{side}_{start}",), (f"{side}_{end}",), share)

@@ -24,6 +24,7 @@ from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.rtmpose import SimccNetwork
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.networks.yolox import person_detector
+from fgpose.proportions import FOREARM, SHANK, THIGH, TRUNK, UPPER_ARM
 from fgpose.skeleton import LIMBS, Skeleton
 from fgpose_factors.robust_statistics import CAUCHY_SCALE
 
@@ -33,10 +34,7 @@ _DEPTH_RANGE_M = 2.1744869  # z_range of mmpose's configuration of RTMW3D: depth
 
 HEIGHT_M = 1.70
 """Standing height that is assumed unless the user says better."""
-# Shares of the standing height (Drillis and Contini 1966, as in Winter, "Biomechanics and Motor Control of Human
-# Movement", fig. 4.1).
-_SHARE_OF_HEIGHT = dict(zip(LIMBS, (0.186, 0.146, 0.245, 0.246), strict=True))
-_TRUNK_SHARE = 0.288  # hip to shoulder of one side
+_SHARE_OF_HEIGHT = dict(zip(LIMBS, (UPPER_ARM, FOREARM, THIGH, SHANK), strict=True))
 # The shares differ by about 5 % from person to person, and as much between the joint definitions of data sets.
 _LENGTH_SIGMA = 0.10
 # Difference of depth of two joints; RTMW3D's mean error on H3WB is 57 mm over the three axes.
@@ -169,7 +167,7 @@ def _bones(skeleton: Skeleton, height_m: float) -> tuple[Int[np.ndarray, "bone 2
     shares = [_SHARE_OF_HEIGHT[limb] for limb in LIMBS]
     sides = [(bone, share) for pair, share in zip(skeleton.limb_pairs, shares, strict=True) for bone in pair]
     for side in ("left", "right"):
-        sides.append(((skeleton.index(f"{side}_hip"), skeleton.index(f"{side}_shoulder")), _TRUNK_SHARE))
+        sides.append(((skeleton.index(f"{side}_hip"), skeleton.index(f"{side}_shoulder")), TRUNK))
     return np.array([bone for bone, _ in sides]), height_m * np.array([share for _, share in sides])
 
 

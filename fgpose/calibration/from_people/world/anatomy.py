@@ -9,21 +9,20 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.proportions import ANKLE_HEIGHT, SHANK, THIGH, TRUNK
 from fgpose.skeleton import Skeleton
 from fgpose_factors.robust_statistics import known_median
 
-# Thigh and shank together are 0.491 of the stature (Drillis and Contini 1966, in Winter, Biomechanics and Motor Control
-# of Human Movement, fig. 4.1), the trunk from hips to shoulders is 0.288 more.
-_LEG, _TRUNK = 0.245 + 0.246, 0.818 - 0.530
+_LEG = THIGH + SHANK
 # Median scale errors of HumanCalib (docs/METHOD.md, five data sets): 1.9 % with the legs, 2 to 3 % with legs and trunk.
 # A median error is 0.674 standard deviations.
 _LEG_SIGMA, _LEG_AND_TRUNK_SIGMA = 0.028, 0.037
 # Networks for images place the hips some 85 mm in front of the centres of the joints, which makes thighs longer and
 # the trunk shorter by as much (HumanCalib, scale_scene.py): only the sum is right.
 _JOINT_CENTRES = ("h36m", "smpl")
-# Of the ankle above the floor: lateral malleolus 0.039 of the stature (Drillis and Contini), and a sole of 20 mm. Feet
-# with and without shoes differ by as much as the second number.
-_ANKLE, _ANKLE_SIGMA = 0.039 + 0.012, 0.008
+# Of the ankle above the floor: lateral malleolus, and a sole of 20 mm. Feet with and without shoes differ by as much as
+# the second number.
+_ANKLE, _ANKLE_SIGMA = ANKLE_HEIGHT + 0.012, 0.008
 # Detectors mark heels and toes on the shoe, one or two centimetres above its sole.
 _SOLE, _SOLE_SIGMA = 0.010, 0.006
 
@@ -77,7 +76,7 @@ class Anatomy:
     @property
     def segments(self) -> tuple[float, float]:
         """What segments_m is of the stature, and its standard deviation between people."""
-        return (_LEG, _LEG_SIGMA) if self._legs_alone else (_LEG + _TRUNK, _LEG_AND_TRUNK_SIGMA)
+        return (_LEG, _LEG_SIGMA) if self._legs_alone else (_LEG + TRUNK, _LEG_AND_TRUNK_SIGMA)
 
     @property
     def foot_height(self) -> tuple[float, float]:
