@@ -52,6 +52,39 @@ class Convergence:
 
 
 @dataclass(frozen=True, eq=False)
+class BoneLengths:
+    """What is known of somebody's bones, one number for each of skeleton.length_names. The arrays are read-only.
+
+    Raises:
+        ValueError: the shapes disagree, a length that is known is not positive, or its deviation is not.
+    """
+
+    lengths_m: Float[np.ndarray, " length"]
+    """NaN: not known."""
+    sigma_m: Float[np.ndarray, " length"]
+    """Their standard deviations."""
+
+    def __post_init__(self) -> None:
+        if self.lengths_m.shape != self.sigma_m.shape or self.lengths_m.ndim != 1:
+            raise ValueError(f"lengths_m and sigma_m must be (L,), got {self.lengths_m.shape} and {self.sigma_m.shape}")
+        if not ((self.lengths_m > 0) & (self.sigma_m > 0) | np.isnan(self.lengths_m)).all():
+            raise ValueError("lengths_m must be positive or NaN, and sigma_m positive where they are known")
+        for array in (self.lengths_m, self.sigma_m):
+            array.setflags(write=False)
+
+    @staticmethod
+    def unknown(n_lengths: int) -> BoneLengths:
+        """None is known."""
+        return BoneLengths(np.full(n_lengths, np.nan), np.full(n_lengths, np.inf))
+
+    def or_else(self, others: BoneLengths) -> BoneLengths:
+        """Others where one is not known."""
+        known = np.isfinite(self.lengths_m)
+        lengths_m = np.where(known, self.lengths_m, others.lengths_m)
+        return BoneLengths(lengths_m, np.where(known, self.sigma_m, others.sigma_m))
+
+
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """The joints of one person over time. What cannot be estimated is NaN, with its status.
 
@@ -223,6 +256,8 @@ class Estimate:
     and were left out."""
     n_repairs: int = 0
     """How often GTSAM has failed so far, and the window was eliminated anew (Estimator.repairs)."""
+    bone_lengths: BoneLengths | None = None
+    """As far as they have been learned, with symmetry.form "shared_length"; None of an estimate that is one lag old."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, " 3"]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""

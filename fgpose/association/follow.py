@@ -16,7 +16,7 @@ import numpy as np
 from fgpose.association.appearance import MeanAppearance, Resemblance
 from fgpose.association.detectability import Blind, detection_probability
 from fgpose.association.founding import MAX_GAIN, found, found_alone
-from fgpose.association.identity import Likeness, Passage
+from fgpose.association.identity import Builds, Likeness, Passage
 from fgpose.association.lost import Lost
 from fgpose.association.matching import Matches, Moment, follow
 from fgpose.association.pose_filter import PoseFilters
@@ -111,6 +111,11 @@ class Follower:
     def passages(self) -> dict[int, Passage]:
         """Of everybody who is confirmed, or was lost and is not forgotten, by number."""
         return self._lost.passages | {track.person: track.passage for track in self.tracks if track.is_confirmed}
+
+    @property
+    def builds(self) -> Builds:
+        """How far lengths that are measured lie apart."""
+        return self._lost.builds
 
     def go_on(self, n_people: int, passages: Mapping[int, Passage], resemblance: Resemblance) -> None:
         """Know what another follower has left: so many numbers were given, and these people may come back."""

@@ -127,6 +127,12 @@ class Builds:
     _within_m2: float = _PRIOR_LENGTHS * _SYSTEMATIC_M**2
     _period_began_s: float = -np.inf
 
+    @property
+    def between_stays_m(self) -> float:
+        """Standard deviation of the difference between two stays, of errors that do not average out in one. What is
+        learned within stays may be too small for it."""
+        return float(np.sqrt(2.0)) * max(self.systematic_m, _SYSTEMATIC_M)
+
     def is_due(self, now_s: float) -> bool:
         """Whether a period has ended."""
         return now_s >= self._period_began_s + _PERIOD_S

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.covariances.online_covariance import OnlineCovariances
 from fgpose.estimation.frame_state import FrameState
+from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.window import Window
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
@@ -19,11 +20,14 @@ class Estimates:
 
     Args:
         n_cameras, skeleton, config: of the estimator.
+        lengths: as they are learned.
         late_s: by how much the times of the window are before those of its user.
     """
 
-    def __init__(self, n_cameras: int, skeleton: Skeleton, config: Config, late_s: float) -> None:
-        self._skeleton, self._config, self._late_s = skeleton, config.online, late_s
+    def __init__(
+        self, n_cameras: int, skeleton: Skeleton, config: Config, lengths: RunningLengths, late_s: float
+    ) -> None:
+        self._skeleton, self._config, self._lengths, self._late_s = skeleton, config.online, lengths, late_s
         self._covariances = OnlineCovariances(n_cameras, skeleton.n_joints, config)
 
     def learn(self, oldest: FrameState, information: Float[np.ndarray, " joint"], rig: CameraRig) -> None:
@@ -50,6 +54,7 @@ class Estimates:
             is_implausible=bool(state.evidence.implausible[0]),
             smoothed=self._lagged(window, rig),
             n_repairs=window.repairs,
+            bone_lengths=self._lengths.learned,
         )
 
     def _lagged(self, window: Window, rig: CameraRig) -> Estimate | None:

@@ -29,7 +29,7 @@ from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
 from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import Skeleton
-from fgpose.trajectory import Estimate
+from fgpose.trajectory import BoneLengths, Estimate
 
 _APPLY_OFFSETS_S = 0.5  # a new rig costs a millisecond, and offsets change slowly
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at
@@ -67,7 +67,7 @@ class Estimator:
         self._sole_views = RunningSoleViews(skeleton)
         learned = self._lengths, self._visibility, self._sole_views
         self._prediction = Prediction(skeleton.n_joints, *learned, self.config)
-        self._estimates = Estimates(rig.n_cameras, skeleton, self.config, self._late_s)
+        self._estimates = Estimates(rig.n_cameras, skeleton, self.config, self._lengths, self._late_s)
         self._offsets = offsets or RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
@@ -103,6 +103,14 @@ class Estimator:
     def repairs(self) -> int:
         """How often GTSAM failed and the window was eliminated anew; updates are slower for a while after that."""
         return self._window.repairs
+
+    def know(self, lengths: BoneLengths) -> None:
+        """Expect the bones of somebody who is known: Estimate.bone_lengths of before, or measured; until they have
+        left, for who comes then may be somebody else. Raises ValueError: they are not those of the skeleton.
+        """
+        if lengths.lengths_m.shape != (self.skeleton.n_lengths,):
+            raise ValueError(f"{self.skeleton.n_lengths} bone lengths are needed, got {lengths.lengths_m.shape}")
+        self._lengths.know(lengths)
 
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
@@ -305,7 +313,7 @@ class Estimator:
             changed = new_lengths | state.would_change(evidence, _CHANGED_SHARE)
             changed = state.active & with_references(changed, unseen[number], self.skeleton)
             state = state.weighted(evidence, changed)
-            lengths_m = self._lengths.lengths_m.copy() if new_lengths else state.lengths_m
+            lengths_m = self._lengths.learned.lengths_m if new_lengths else state.lengths_m
             state = replace(state, filtered=filtered[number], lengths_m=lengths_m)
             if changed.any():
                 changes[at] = replace(state, active=changed)
@@ -319,7 +327,7 @@ class Estimator:
         """From the newest frame, all images of which are there that will be used."""
         self._lengths.add(self._window[-1].evidence)
         self._lengths.improve(self._rig)
-        self._sole_views.learn(self._window[-1], self._lengths.lengths_m, self._rig)
+        self._sole_views.learn(self._window[-1], self._lengths.learned.lengths_m, self._rig)
 
     def _learn_smoothed(self, oldest: FrameState) -> None:
         """From a frame that is one lag old."""

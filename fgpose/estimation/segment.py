@@ -64,6 +64,8 @@ class Segment:
     velocity, m^2/s with random walk."""
     lengths_known: bool = False
     """Whether the lengths are held, their sigma added to that of each bone (online); otherwise they are estimated."""
+    length_covariance_m2: Float[np.ndarray, "length length"] | None = None
+    """Of the first guess of lengths that are estimated, where their errors are correlated."""
     initial_m: Float[np.ndarray, "frame joint 3"] | None = None
     """First guess of the joints and mean of the weak priors, if not the guess of the evidence."""
     before: Predecessor | None = None

@@ -16,7 +16,7 @@ from fgpose.estimation.online.arrivals import TooLateError
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.trajectory import Estimate
+from fgpose.trajectory import BoneLengths, Estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,8 @@ class NewDetections:
     """Of the image, or of that of each camera (NaN: none)."""
     arrays: Mapping[str, np.ndarray]
     """Of the image, or of all cameras; see Estimator.update_arrays."""
+    bones: BoneLengths | None = None
+    """What is known of the bones of who has just been recognised."""
 
 
 class Estimators:
@@ -66,6 +68,8 @@ def load_libraries() -> None:
 
 
 def _updated(estimator: Estimator, new: NewDetections) -> Estimate:
+    if new.bones is not None:
+        estimator.know(new.bones)
     try:
         if new.camera is None:
             return estimator.update_arrays(new.time_s, **new.arrays)

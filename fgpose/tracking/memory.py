@@ -10,15 +10,17 @@ from fgpose.association.identity import Lengths, Likeness, Passage
 from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.io.live.tracker_memory import Numbers, RememberedPerson, RememberedSimilarity, TrackerMemory
 from fgpose.skeleton import Skeleton
+from fgpose.tracking.known_bones import KnownBones
+from fgpose.trajectory import BoneLengths
 
 
-def memory_of(follower: Follower, offsets: RunningOffsets, time_s: float) -> TrackerMemory:
+def memory_of(follower: Follower, bones: KnownBones, offsets: RunningOffsets, time_s: float) -> TrackerMemory:
     """What is known at the time of the newest image."""
     people, told = follower.passages, offsets.evidence + offsets.elsewhere
     return TrackerMemory(
         time_s=time_s,
         n_people=follower.n_people,
-        people=tuple(_remembered(person, passage) for person, passage in sorted(people.items())),
+        people=tuple(_remembered(person, passage, bones) for person, passage in sorted(people.items())),
         same=_similarity(follower.resemblance.same),
         different=_similarity(follower.resemblance.different),
         offset_information=tuple(_numbers(row) for row in told.information),
@@ -26,16 +28,21 @@ def memory_of(follower: Follower, offsets: RunningOffsets, time_s: float) -> Tra
     )
 
 
-def go_on(memory: TrackerMemory, follower: Follower, offsets: RunningOffsets, skeleton: Skeleton) -> None:
-    """Let a follower that has seen nothing yet recognise these people, and the clocks be known."""
+def go_on(
+    memory: TrackerMemory, follower: Follower, bones: KnownBones, offsets: RunningOffsets, skeleton: Skeleton
+) -> None:
+    """Let a follower that has seen nothing yet recognise these people, and their bones and the clocks be known."""
     resemblance = Resemblance(_samples(memory.same), _samples(memory.different))
     passages = {each.person: _passage(each, skeleton, resemblance) for each in memory.people}
     follower.go_on(memory.n_people, passages, resemblance)
+    bones.of_person = {each.person: _bones(each) for each in memory.people}
     told = OffsetEvidence(np.array(memory.offset_information), np.array(memory.offset_moment))
     offsets.go_on(told, memory.time_s)
 
 
-def _remembered(person: int, passage: Passage) -> RememberedPerson:
+def _remembered(person: int, passage: Passage, known: KnownBones) -> RememberedPerson:
+    bones = known.of_person.get(person) or BoneLengths.unknown(passage.likeness.skeleton.n_lengths)
+    is_known = np.isfinite(bones.lengths_m)
     lengths, looks = passage.likeness.lengths, passage.likeness.looks
     return RememberedPerson(
         person=person,
@@ -50,7 +57,14 @@ def _remembered(person: int, passage: Passage) -> RememberedPerson:
         n_length_periods=passage.likeness.n_periods,
         n_looks=looks.n_periods,
         looks=() if looks.all is None else _numbers(looks.all),
+        bone_lengths_m=_numbers(np.where(is_known, bones.lengths_m, 0.0)),
+        bone_length_sigma_m=_numbers(np.where(is_known, bones.sigma_m, 0.0)),
     )
+
+
+def _bones(somebody: RememberedPerson) -> BoneLengths:
+    lengths_m, sigma_m = np.array(somebody.bone_lengths_m), np.array(somebody.bone_length_sigma_m)
+    return BoneLengths(np.where(lengths_m > 0, lengths_m, np.nan), sigma_m)
 
 
 def _passage(somebody: RememberedPerson, skeleton: Skeleton, resemblance: Resemblance) -> Passage:

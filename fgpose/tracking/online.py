@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fgpose.association.follow import Follower
-from fgpose.association.track import Tracked, TrackEvent
+from fgpose.association.track import Track, Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
@@ -17,6 +17,7 @@ from fgpose.people_observations import NOTHING, Detections, refuse_mixed_appeara
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import NewDetections
+from fgpose.tracking.known_bones import KnownBones
 from fgpose.tracking.memory import go_on, memory_of
 from fgpose.tracking.parallel import ParallelEstimators
 
@@ -56,6 +57,7 @@ class Tracker:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._follower = Follower(rig, skeleton, self.config.tracking)
         self._estimators = ParallelEstimators(rig, skeleton, self.config, answers_within_s)
+        self._bones = KnownBones()
         self._people: list[Tracked] = []
         self._waiting: list[Detections] = []
         """Images that are far later than all before."""
@@ -66,7 +68,7 @@ class Tracker:
         """The first image that has appearance vectors."""
         self._offsets_applied_s = -np.inf
         if memory is not None:
-            go_on(memory, self._follower, self.offsets, skeleton)
+            go_on(memory, self._follower, self._bones, self.offsets, skeleton)
 
     def __enter__(self) -> Tracker:
         return self
@@ -126,7 +128,8 @@ class Tracker:
 
     def memory(self) -> TrackerMemory | None:
         """For a tracker that goes on later, see save_memory; None before the first image."""
-        return memory_of(self._follower, self.offsets, max(self._image_s.values())) if self._image_s else None
+        known = self._follower, self._bones, self.offsets
+        return memory_of(*known, max(self._image_s.values())) if self._image_s else None
 
     def look(self) -> None:
         """Replace processes that have ended, as each update does: for where no image comes.
@@ -188,8 +191,10 @@ class Tracker:
                 seen.setdefault(track, {})[sighting.image.camera] = detection, joint
         tracks = [track for track in self._follower.tracks if track.is_confirmed]
         self._apply_offsets(images[-1].time_s)
-        newest = {track.number: self._newest(images, seen.get(track.number, {})) for track in tracks}
+        newest = {track.number: self._newest(images, track, seen.get(track.number, {})) for track in tracks}
         estimates = self._estimators.update(newest)
+        bones = {track.person: estimates[track.number].bone_lengths for track in tracks}
+        self._bones.learn(bones, newest, self._follower.passages)
         return [
             Tracked(
                 track.person,
@@ -207,9 +212,12 @@ class Tracker:
         if self.offsets.has_told and time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
             self._follower.rig, self._offsets_applied_s = self.offsets.rig(), time_s
 
-    def _newest(self, images: Sequence[Detections], seen: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> NewDetections:
+    def _newest(
+        self, images: Sequence[Detections], track: Track, seen: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    ) -> NewDetections:
         """What is new of one person: the images, and which joints of which detections are theirs in those that show
         them."""
+        bones = self._bones.of_recognised(track.number, track.person, self._follower.builds.between_stays_m)
         n_cameras = self.rig.n_cameras
         shapes = {name: array.shape[1:] for image in images for name, array in image.arrays.items()}
         arrays = {name: np.full((n_cameras, *shape), NOTHING[name]) for name, shape in shapes.items()}
@@ -222,8 +230,9 @@ class Tracker:
                     arrays[name][c] = values
         if len(images) == 1 and n_cameras > 1:
             c = self.rig.names.index(images[0].camera)
-            return NewDetections(images[0].camera, images[0].time_s, {name: each[c] for name, each in arrays.items()})
-        return NewDetections(None, time_s, arrays)
+            of_camera = {name: each[c] for name, each in arrays.items()}
+            return NewDetections(images[0].camera, images[0].time_s, of_camera, bones)
+        return NewDetections(None, time_s, arrays, bones)
 
 
 def _believed(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -12,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.keys import Keys, length_key
 from fgpose.estimation.segment import Segment
-from fgpose_factors import noise_model
+from fgpose_factors import custom_factor, noise_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,25 +69,47 @@ class LengthPriors:
 
     lengths_m: Float[np.ndarray, " length"]
     """Finite."""
-    sigma_m: Float[np.ndarray, " length"]
+    covariance_m2: Float[np.ndarray, "length length"]
     estimated: Int[np.ndarray, " estimated"]
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[LengthPriors]:
         known = np.isfinite(segment.lengths_m)
-        lengths_m = np.where(known, segment.lengths_m, 0.0)
-        yield cls(lengths_m, np.where(known, segment.length_sigma_m, 1.0), segment.estimated_lengths)
+        covariance_m2 = np.diag(np.where(known, segment.length_sigma_m, 1.0) ** 2)
+        if segment.length_covariance_m2 is not None:
+            covariance_m2 = np.where(np.outer(known, known), segment.length_covariance_m2, covariance_m2)
+        yield cls(np.where(known, segment.lengths_m, 0.0), covariance_m2, segment.estimated_lengths)
 
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]:
-        for length in self.estimated.tolist():
-            noise = noise_model(1, float(self.sigma_m[length]))
-            yield gtsam.PriorFactorDouble(length_key(length), float(self.lengths_m[length]), noise)
+        """One for each length, or one of all where they are correlated."""
+        covariance_m2 = self.covariance_m2[np.ix_(self.estimated, self.estimated)]
+        if np.array_equal(covariance_m2, np.diag(np.diag(covariance_m2))):
+            for length in self.estimated.tolist():
+                noise = noise_model(1, float(np.sqrt(self.covariance_m2[length, length])))
+                yield gtsam.PriorFactorDouble(length_key(length), float(self.lengths_m[length]), noise)
+        else:
+            around_m, lengths = (
+                self.lengths_m[self.estimated],
+                [length_key(length) for length in self.estimated.tolist()],
+            )
+            noise, columns = gtsam.noiseModel.Gaussian.Covariance(covariance_m2), np.eye(len(lengths))
+            yield custom_factor(
+                lengths,
+                noise,
+                lambda *lengths_m: (np.array(lengths_m) - around_m, tuple(columns[:, :, None])),
+                [gtsam.Values.atDouble] * len(lengths),
+            )
 
     def error(self, state: BatchState) -> float:
-        return 0.5 * float(np.sum(((state.lengths_m - self.lengths_m) / self.sigma_m) ** 2))
+        away_m = state.lengths_m - self.lengths_m
+        return 0.5 * float(away_m @ self._information @ away_m)
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
-        gradient.lengths_m[:] += (state.lengths_m - self.lengths_m) / self.sigma_m**2
+        gradient.lengths_m[:] += self._information @ (state.lengths_m - self.lengths_m)
 
     def add_information(self, information: Information, state: BatchState) -> None:
-        information.corner += np.diag(self.sigma_m**-2)
+        information.corner += self._information
+
+    @cached_property
+    def _information(self) -> Float[np.ndarray, "length length"]:
+        return np.linalg.inv(self.covariance_m2)

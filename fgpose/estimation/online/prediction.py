@@ -96,7 +96,7 @@ class Prediction:
             evidence=evidence,
             positions_m=np.where(np.isnan(off_m), positions_m, off_m),
             velocities_mps=velocities_mps,
-            lengths_m=self._lengths.lengths_m.copy(),
+            lengths_m=self._lengths.learned.lengths_m,
             active=active,
             linked=linked,
             process_density=density,

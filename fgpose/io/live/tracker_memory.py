@@ -44,6 +44,9 @@ class RememberedPerson:
     n_looks: int
     looks: Numbers
     """In so many periods; (D,) sum of appearance vectors, empty where there are none."""
+    bone_lengths_m: Numbers
+    bone_length_sigma_m: Numbers
+    """(L,) as the estimator has learned them, and standard deviations; both 0 where one is not known."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,10 @@ def _check_lengths(memory: TrackerMemory, n_cameras: int, n_lengths: int) -> Non
     if any(len(each) != n_cameras for each in of_cameras):
         raise ValueError(f"memory.offset_*: numbers of {n_cameras} cameras are needed")
     for somebody in memory.people:
-        lengths = somebody.length_n, somebody.length_information, somebody.length_m, somebody.length_squares
+        measured = somebody.length_n, somebody.length_information, somebody.length_m, somebody.length_squares
+        lengths = *measured, somebody.bone_lengths_m, somebody.bone_length_sigma_m
         if any(len(each) != n_lengths for each in lengths) or len(somebody.begin_m) != 3 or len(somebody.end_m) != 3:
             raise ValueError(f"memory.people: person {somebody.person} has not {n_lengths} lengths and two places")
+        bones = zip(somebody.bone_lengths_m, somebody.bone_length_sigma_m, strict=True)
+        if not all((length_m > 0 and sigma_m > 0) or length_m == 0 for length_m, sigma_m in bones):
+            raise ValueError(f"memory.people: person {somebody.person} has a bone length that is none")

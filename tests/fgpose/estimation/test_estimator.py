@@ -452,6 +452,23 @@ def test_a_new_estimator_settles_within_a_second(mocap_clear: Scene, rig: fgpose
     assert np.median(np.linalg.norm(new.positions_m - old.positions_m, axis=-1)) < 6e-3
 
 
+def test_somebody_whose_bones_are_known_is_right_sooner(mocap_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """Two occluded cameras; the lengths are those that an estimator before has learned."""
+    rig = rig.subset(rig.names[:2])
+    two = mocap_scene.observations.subset(rig.names)
+    before = run(two, rig)[-1].bone_lengths
+    assert before is not None
+    estimators = [fgpose.Estimator(rig, two.skeleton) for _ in range(2)]
+    estimators[1].know(before)
+    vague, known = ([each.update(frame) for frame in two.frames(slice(0, 25))] for each in estimators)
+    errors = [np.nanmean(errors_m(each, mocap_scene.truth_m)) for each in (vague, known)]
+    assert errors[1] < 0.9 * errors[0]
+    assert known[0].bone_lengths is not None
+    np.testing.assert_array_equal(known[0].bone_lengths.lengths_m, before.lengths_m)
+    with pytest.raises(ValueError, match="10 bone lengths are needed"):
+        estimators[1].know(fgpose.BoneLengths(np.ones(3), np.ones(3)))
+
+
 def test_a_person_behind_a_camera_that_sees_something(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """A prediction behind the cameras is never better than what they triangulate, however long the gap before it."""
     truth_m = walking(10, 50.0, skeleton)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import fgpose
+from fgpose.association.identity import Builds
 from fgpose.association.track import Tracked, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
@@ -296,6 +297,13 @@ def test_the_next_system_knows_people_and_clocks(fed: tuple[LiveTracking, list[U
     assert known is not None
     assert known.n_people >= 7
     assert known.offset_information == told
+    # Bones too: they are known better than after 0.4 s, and than those of somebody who may have changed meanwhile.
+    bones_of = {each.person: each for each in known.people}
+    for each in memory.people:
+        then_m, now_m = np.array(each.bone_lengths_m), np.array(bones_of[each.person].bone_lengths_m)
+        sigma_m = np.hypot(each.bone_length_sigma_m, Builds().between_stays_m)
+        assert (np.abs(now_m - then_m) < 3 * sigma_m).all()
+        assert (np.array(bones_of[each.person].bone_length_sigma_m) < sigma_m).all()
 
 
 def test_a_memory_that_does_not_fit_is_refused(fed: tuple[LiveTracking, list[Update], float], tmp_path: Path) -> None:
@@ -310,6 +318,12 @@ def test_a_memory_that_does_not_fit_is_refused(fed: tuple[LiveTracking, list[Upd
     document["memory"]["people"][0]["length_m"].pop()
     path.write_text(json.dumps(document))
     with pytest.raises(ValueError, match=r"people\.json: memory\.people: person 0 has not"):
+        load_memory(path, *made_for)
+    save_memory(memory, path, *made_for)
+    document = json.loads(path.read_text())
+    document["memory"]["people"][0]["bone_lengths_m"][0] = -0.1
+    path.write_text(json.dumps(document))
+    with pytest.raises(ValueError, match=r"people\.json: memory\.people: person 0 has a bone length that is none"):
         load_memory(path, *made_for)
     path.write_text('{"format": "of somebody else"}')
     with pytest.raises(ValueError, match=r"people\.json: it is no file of format"):

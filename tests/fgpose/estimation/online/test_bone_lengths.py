@@ -17,6 +17,7 @@ from fgpose.estimation.online import bone_lengths
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
+from fgpose.trajectory import BoneLengths
 from fgpose_benchmarks.synthetic import (
     NO_NOISE,
     NO_OCCLUSION,
@@ -38,9 +39,11 @@ def scene(
     return simulate(truth_m[:n_frames], skeleton, rig, fps, noise, occlusion, seed=0)
 
 
-def learned(scene: Scene, every: int = 1, config: Config = CONFIG) -> Iterator[RunningLengths]:
+def learned(
+    scene: Scene, every: int = 1, config: Config = CONFIG, lengths: RunningLengths | None = None
+) -> Iterator[RunningLengths]:
     """The lengths after each frame."""
-    lengths = RunningLengths(scene.observations.skeleton, config)
+    lengths = lengths or RunningLengths(scene.observations.skeleton, config)
     for frame in range(0, scene.observations.n_frames, every):
         lengths.add(gather(scene.observations.frames(slice(frame, frame + 1)), scene.rig, config))
         lengths.improve(scene.rig)
@@ -57,15 +60,14 @@ def true_lengths_m(scene: Scene) -> Float[np.ndarray, " length"]:
 
 def test_nothing_is_known_before_the_first_sample(skeleton: Skeleton) -> None:
     lengths = RunningLengths(skeleton, CONFIG)
-    assert np.isnan(lengths.lengths_m).all()
-    np.testing.assert_array_equal(lengths.sigma_m, CONFIG.prior.length_sigma_m)
+    assert np.isnan(lengths.learned.lengths_m).all()
 
 
 def test_exact_detections_give_exact_lengths(rig: CameraRig, skeleton: Skeleton) -> None:
-    exact = scene(rig, skeleton, NO_NOISE, n_frames=20)
-    # The markers on a real body let a bone vary by some millimetres.
+    exact = scene(rig, skeleton, NO_NOISE)
+    # The markers on a real body let a bone vary by some millimetres, the proportions of others move one by as much.
     varies_m = skeleton.bone_lengths(exact.truth_m).std(axis=0).max()
-    np.testing.assert_allclose(last(exact).lengths_m, true_lengths_m(exact), atol=3 * varies_m + 1e-3)
+    np.testing.assert_allclose(last(exact).learned.lengths_m, true_lengths_m(exact), atol=3 * varies_m + 2e-3)
 
 
 def test_hallucinations_do_not_make_bones_longer(rig: CameraRig, skeleton: Skeleton) -> None:
@@ -74,7 +76,7 @@ def test_hallucinations_do_not_make_bones_longer(rig: CameraRig, skeleton: Skele
     truth_m = true_lengths_m(occluded)
     guess_m = gather(occluded.observations, occluded.rig, CONFIG).guess_m
     median_error_m = np.abs(median_lengths(skeleton, guess_m) - truth_m)
-    error_m = np.abs(last(occluded).lengths_m - truth_m)
+    error_m = np.abs(last(occluded).learned.lengths_m - truth_m)
     # On average 9 and 46 mm, at most 30 and 169 mm
     assert error_m.mean() < 0.4 * median_error_m.mean()
     assert error_m.max() < 0.4 * median_error_m.max()
@@ -82,9 +84,9 @@ def test_hallucinations_do_not_make_bones_longer(rig: CameraRig, skeleton: Skele
 
 def test_sigma_falls_and_covers_the_error(rig: CameraRig, skeleton: Skeleton) -> None:
     noisy = scene(rig, skeleton, DetectionNoise())
-    after = [lengths.sigma_m.copy() for lengths in learned(noisy)]
+    after = [lengths.learned.sigma_m for lengths in learned(noisy)]
     assert (after[-1] < after[20]).all()
-    error_m = last(noisy).lengths_m - true_lengths_m(noisy)
+    error_m = last(noisy).learned.lengths_m - true_lengths_m(noisy)
     # Ten lengths that are nearly independent: the root of the mean square of ten normal errors is below 1.7 with
     # 99.9 %.
     assert np.sqrt(np.mean((error_m / after[-1]) ** 2)) < 1.7
@@ -93,7 +95,7 @@ def test_sigma_falls_and_covers_the_error(rig: CameraRig, skeleton: Skeleton) ->
 def test_sigma_depends_on_the_time_and_not_on_the_number_of_frames(rig: CameraRig, skeleton: Skeleton) -> None:
     noisy = scene(rig, skeleton, DetectionNoise(), n_frames=100)
     # Frames are taken every 0.05 s at the earliest: at 50 Hz every 0.06 s, at 25 Hz every 0.08 s.
-    np.testing.assert_allclose(last(noisy).sigma_m, last(noisy, every=2).sigma_m, rtol=0.3)
+    np.testing.assert_allclose(last(noisy).learned.sigma_m, last(noisy, every=2).learned.sigma_m, rtol=0.3)
 
 
 def test_an_update_makes_one_step_at_most(rig: CameraRig, skeleton: Skeleton, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,14 +141,14 @@ def test_frames_that_know_no_bone_are_no_sample(rig: CameraRig, skeleton: Skelet
             observations = replace(observations, points2d_px=points_px)
         lengths.add(gather(observations, rig, CONFIG))
         lengths.improve(rig)
-    assert np.isfinite(lengths.lengths_m).all()
+    assert np.isfinite(lengths.learned.lengths_m).all()
 
 
 @pytest.mark.parametrize("form", ["none", "frame"])
 def test_nothing_is_learned_where_no_length_is_shared(rig: CameraRig, skeleton: Skeleton, form: str) -> None:
     config = Config(symmetry={"form": form})
     for lengths in learned(scene(rig, skeleton, DetectionNoise(), n_frames=10), config=config):
-        assert np.isnan(lengths.lengths_m).all()
+        assert np.isnan(lengths.learned.lengths_m).all()
 
 
 def test_images_of_nobody_are_no_sample(rig: CameraRig, skeleton: Skeleton) -> None:
@@ -154,7 +156,7 @@ def test_images_of_nobody_are_no_sample(rig: CameraRig, skeleton: Skeleton) -> N
     nothing_px = np.full_like(noisy.observations.points2d_px, np.nan)
     nobody = replace(noisy.observations, points2d_px=nothing_px, points3d_m=None)
     for lengths in learned(replace(noisy, observations=nobody)):
-        assert np.isnan(lengths.lengths_m).all()
+        assert np.isnan(lengths.learned.lengths_m).all()
         assert not lengths._sample
 
 
@@ -173,12 +175,59 @@ def test_a_hallucination_that_was_taken_back_counts_no_more(rig: CameraRig, skel
         lengths.add(hallucinated)
         for revision in revisions:
             lengths.revise(revision)
-        while np.isnan(lengths.lengths_m).any():
+        while np.isnan(lengths.learned.lengths_m).any():
             lengths.improve(rig)
-        return float(lengths.lengths_m[forearm])
+        return float(lengths.learned.lengths_m[forearm])
 
     truth_m = true_lengths_m(exact)[forearm]
     taken_back = hallucinated.trusted(np.where(is_wrist, 1e-6, 1.0)[None, None])
     assert abs(forearm_m() - truth_m) > 0.02
     # The bone varies by millimetres from frame to frame.
     assert abs(forearm_m(taken_back) - truth_m) < 0.005
+
+
+@pytest.mark.parametrize("size", [0.65, 1.0, 1.2])
+def test_children_and_tall_people_are_within_what_is_stated(rig: CameraRig, skeleton: Skeleton, size: float) -> None:
+    """From the first tenth of a second on, in which most of what is known are the proportions of other people; where
+    detections are hallucinated, when half a second has told which."""
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
+    for n_views, first in ((0, 5), (2, 25)):
+        occluded = simulate(
+            size * truth_m[:100], skeleton, rig.subset(rig.names[:2]), fps, DetectionNoise(), Occlusion(n_views), seed=0
+        )
+        for frame, lengths in enumerate(learned(occluded)):
+            known = lengths.learned
+            if frame < first or np.isnan(known.lengths_m).any():
+                continue
+            # The root of the mean square of ten normal errors is below 1.7 with 99.9 %; these are correlated.
+            error_m = known.lengths_m - true_lengths_m(occluded)
+            assert np.sqrt(np.mean((error_m / known.sigma_m) ** 2)) < 2.0, (n_views, frame)
+
+
+def test_what_was_known_before_is_there_at_once_and_improved(rig: CameraRig, skeleton: Skeleton) -> None:
+    noisy = scene(rig, skeleton, DetectionNoise(), n_frames=60)
+    before = BoneLengths(true_lengths_m(noisy) + 0.02, np.full(skeleton.n_lengths, 0.02))
+    known = RunningLengths(skeleton, CONFIG)
+    known.know(before)
+    np.testing.assert_array_equal(known.learned.lengths_m, before.lengths_m)
+    assert all(lengths is known for lengths in learned(noisy, lengths=known))
+    assert (known.learned.sigma_m < before.sigma_m).all()
+    assert (known.learned.sigma_m < last(noisy).learned.sigma_m).all()
+    assert np.abs(known.learned.lengths_m - true_lengths_m(noisy)).max() < 0.02
+    known.forget()
+    assert np.isnan(known.learned.lengths_m).all()
+
+
+def test_a_bone_that_is_known_tells_of_the_others(skeleton: Skeleton) -> None:
+    """Who has short thighs is small."""
+    thigh = skeleton.length_names.index("left_hip-left_knee")
+    shank = skeleton.length_names.index("left_knee-left_ankle")
+    nothing = BoneLengths(np.full(skeleton.n_lengths, 0.3), np.full(skeleton.n_lengths, 0.3))
+    vague_m, vague_m2 = bone_lengths.prior(skeleton, BoneLengths.unknown(skeleton.n_lengths), nothing)
+    lengths_m, sigma_m = np.full((2, skeleton.n_lengths), np.nan)
+    lengths_m[thigh], sigma_m[thigh] = 0.26, 0.01
+    of_child_m, of_child_m2 = bone_lengths.prior(skeleton, BoneLengths(lengths_m, sigma_m), nothing)
+    assert of_child_m[thigh] == pytest.approx(0.26, abs=0.01)
+    assert of_child_m[shank] == pytest.approx(vague_m[shank] * 0.26 / vague_m[thigh], rel=0.15)
+    assert of_child_m2[shank, shank] < 0.5 * vague_m2[shank, shank]
+    assert np.linalg.eigvalsh(of_child_m2).min() > 0

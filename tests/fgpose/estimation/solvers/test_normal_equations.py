@@ -165,6 +165,16 @@ def test_known_lengths_are_those_of_the_graph(walking_scene, rig):
     check_two_steps(NormalEquations(segment), GtsamBatch(segment))
 
 
+@pytest.mark.usefixtures("without_tension")
+def test_correlated_lengths_are_those_of_the_graph(walking_scene, rig):
+    """Who has long legs has long arms."""
+    segment = difficult_segment(walking_scene, rig, Config())
+    lengths_m = segment.lengths_m * np.linspace(0.9, 1.2, len(segment.lengths_m))
+    covariance_m2 = 0.09 * np.outer(lengths_m, lengths_m) + 0.0009 * np.eye(len(lengths_m))
+    segment = dataclasses.replace(segment, lengths_m=lengths_m, length_covariance_m2=covariance_m2)
+    check_two_steps(NormalEquations(segment), GtsamBatch(segment))
+
+
 def shared_lengths(segment: Segment) -> SharedLengths:
     return next(factors for factors in factors_of(segment) if isinstance(factors, SharedLengths))
 
