@@ -1,6 +1,6 @@
 """Long runs in a process of their own, so that nothing else counts in their memory.
 
-``python isolated.py batch|isam2|window RECORDING.npz`` prints one JSON object; RECORDING is of the scenario of this
+``python isolated.py batch|isam2|window RECORDING.npz SKELETON`` prints one JSON object; RECORDING is of the scenario of this
 folder.
 """
 
@@ -36,7 +36,7 @@ def run_isolated(task: Task, observations: fgpose.Observations) -> dict[str, Any
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "recording.npz"
         save_observations(observations, path)
-        command = [sys.executable, str(Path(__file__)), task, str(path)]
+        command = [sys.executable, str(Path(__file__)), task, str(path), observations.skeleton.name]
         return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
 
 
@@ -76,8 +76,8 @@ def online(observations: fgpose.Observations, solver: Solver) -> dict[str, Any]:
     return {"wall_ms": wall_ms, "cpu_ms": cpu_ms, "resident_mb": resident_mb}
 
 
-def _main(task: str, path: str) -> None:
-    observations = fgpose.load_observations(path, ring_rig(), "h36m_17")
+def _main(task: str, path: str, skeleton: str) -> None:
+    observations = fgpose.load_observations(path, ring_rig(), skeleton)
     online_by = {solver: partial(online, solver=solver) for solver in get_args(Solver)}
     print(json.dumps({"batch": batch, **online_by}[task](observations)))
 

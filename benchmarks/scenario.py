@@ -17,6 +17,7 @@ from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, mot
 _CLIP = Path(__file__).parent / "fgpose_benchmarks" / "data" / "mocap_cmu" / "cmu_02_05.npz"
 _CLIP_FRAMES = 400  # as in the measurements so far: longer runs swing through the same eight seconds
 _SEED = 0
+_HELD_BY = {"pinky": "wrist", "index": "wrist", "thumb": "wrist", "heel": "ankle", "foot_index": "ankle"}
 POSITIONS_ONLY = Config(solver={"covariance": False})
 """What aniposelib gives too; what the covariances cost is measured by itself."""
 
@@ -27,6 +28,24 @@ def scene(n_frames: int) -> Scene:
     clip_m = clip_m[:_CLIP_FRAMES]
     truth_m = clip_m[:n_frames] if n_frames <= len(clip_m) else _back_and_forth(clip_m, n_frames)
     return simulate(truth_m, load_skeleton("h36m_17"), ring_rig(), fps, DetectionNoise(), NO_OCCLUSION, _SEED)
+
+
+def scene_of_33_joints(n_frames: int) -> Scene:
+    """The same motion at 60 Hz with the joints of BlazePose: hands, feet and face keep their place beside wrist, ankle
+    and head."""
+    body, skeleton = scene(n_frames), load_skeleton("blazepose_33")
+    named = body.observations.skeleton
+    rng = np.random.default_rng(_SEED)
+
+    def place_m(joint: str) -> Float[np.ndarray, "frame 3"]:
+        if joint in named.joints:
+            return body.truth_m[:, named.index(joint)]
+        side, _, part = joint.partition("_")
+        holder = f"{side}_{_HELD_BY[part]}" if part in _HELD_BY else "head"
+        return body.truth_m[:, named.index(holder)] + rng.uniform(-0.08, 0.08, 3)
+
+    truth_m = np.stack([place_m(joint) for joint in skeleton.joints], axis=1)
+    return simulate(truth_m, skeleton, ring_rig(), 60.0, DetectionNoise(), NO_OCCLUSION, _SEED)
 
 
 def _back_and_forth(clip_m: Float[np.ndarray, "clip joint 3"], n_frames: int) -> Float[np.ndarray, "frame joint 3"]:
