@@ -28,6 +28,7 @@ from fgpose.cli.commands.evaluate import Evaluate
 from fgpose.cli.commands.info import Info
 from fgpose.cli.commands.live import Live
 from fgpose.cli.commands.models import Models
+from fgpose.cli.commands.overlay import Overlay
 from fgpose.cli.commands.report import Report
 from fgpose.cli.commands.run import Run
 from fgpose.cli.commands.study import Study
@@ -74,6 +75,7 @@ _COMMANDS = {
     "evaluate": Evaluate,
     "report": Report,
     "view": View,
+    "overlay": Overlay,
     "models": Models,
 }
 _ESTIMATORS = ("run", "smooth", "track", "refine")

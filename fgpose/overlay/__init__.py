@@ -1,0 +1,1 @@
+"""Videos with the estimated people drawn into their images."""

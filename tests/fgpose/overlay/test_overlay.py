@@ -1,0 +1,129 @@
+"""Films with people drawn into them: what is where, at which time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from jaxtyping import UInt8
+
+import fgpose
+from fgpose.cli import main
+from fgpose.geometry.camera import CameraRig
+from fgpose.overlay.drawing import Drawing, Pose
+from fgpose.overlay.moments import Moments
+from fgpose.trajectory import Status
+from fgpose.viewer.rerun.palette import person_colour
+
+if TYPE_CHECKING:
+    from tests.fgpose.conftest import SquaresScene
+
+FPS = 20.0
+LATE_S = 0.13
+
+
+def trajectory(squares: SquaresScene, n_frames: int) -> fgpose.Trajectory:
+    time_s = np.arange(n_frames) / FPS
+    skeleton = fgpose.Skeleton("squares", ("pelvis", "left_hand", "right_hand"), ((0, 1), (0, 2)), (0,), ((1, 2),))
+    positions_m = np.stack([squares.positions_m(each)[0] for each in time_s])
+    status = np.full((n_frames, 3), Status.OBSERVED)
+    return fgpose.Trajectory(skeleton, time_s, positions_m, status, np.tile(1e-4 * np.eye(3), (n_frames, 3, 1, 1)))
+
+
+@pytest.fixture
+def recorded(squares: SquaresScene, tmp_path: Path) -> list[str]:
+    """Three cameras: one has begun late, as its calibration says, one has half of the rate."""
+    squares.write_video(tmp_path / "walk" / "ring_0.mp4", 0, 20, FPS)
+    squares.write_video(tmp_path / "walk" / "ring_1.mp4", 1, 18, FPS, begin_s=LATE_S)
+    squares.write_video(tmp_path / "walk" / "ring_2.mp4", 2, 10, FPS / 2)
+    late = (replace(camera, time_offset_s=LATE_S if n == 1 else 0.0) for n, camera in enumerate(squares.rig.cameras))
+    fgpose.save_rig(CameraRig(tuple(late)), tmp_path / "rig.toml")
+    fgpose.save_trajectory(trajectory(squares, 20), tmp_path / "pose.npz")
+    return ["overlay", *(str(tmp_path / name) for name in ("pose.npz", "walk")), "--rig", str(tmp_path / "rig.toml")]
+
+
+def film(path: Path) -> tuple[np.ndarray, list[UInt8[np.ndarray, "height width 3"]]]:
+    """Times and images."""
+    import av
+
+    with av.open(str(path)) as container:
+        frames = list(container.decode(video=0))
+    return np.array([float(frame.time) for frame in frames]), [frame.to_ndarray(format="rgb24") for frame in frames]
+
+
+def is_drawn(image: np.ndarray, at_px: np.ndarray, person: int = 0) -> bool:
+    """Whether most of the pixels around a point have the colour of the person; compression changes them by tens."""
+    x, y = np.round(at_px).astype(int)
+    around = image[y - 1 : y + 2, x - 1 : x + 2].astype(int)
+    return bool((np.abs(around - person_colour(person)).max(axis=-1) < 70).mean() > 0.5)
+
+
+def test_every_camera_has_a_film_with_the_person_where_its_images_were_taken(
+    recorded: list[str], squares: SquaresScene, tmp_path: Path
+) -> None:
+    assert main([*recorded, "--each", "--no-ellipses", "--width", "640", "-o", str(tmp_path / "film.mp4")]) == 0
+    for n, (fps, begin_s) in enumerate([(FPS, 0.0), (FPS, LATE_S), (FPS / 2, 0.0)]):
+        time_s, images = film(tmp_path / f"film_ring_{n}.mp4")
+        np.testing.assert_allclose(time_s, np.arange(len(images)) / fps, atol=1e-4)
+        for number in (0, 4, 8):
+            true_m = squares.positions_m(begin_s + number / fps)[0]
+            for point_px in squares.rig.cameras[n].project(true_m):
+                assert is_drawn(images[number], 2 * point_px), (n, number)
+
+
+def test_all_cameras_are_in_one_film_at_the_rate_of_the_fastest(
+    recorded: list[str], squares: SquaresScene, tmp_path: Path
+) -> None:
+    assert main([*recorded, "--no-ellipses", "--width", "968", "-o", str(tmp_path / "film.mp4"), "--to", "0.5"]) == 0
+    time_s, images = film(tmp_path / "film.mp4")
+    np.testing.assert_allclose(time_s, np.arange(11) / FPS, atol=1e-4)
+    # Two columns of 482 pixels, 4 between them, are nearer to 16:9 than a row of three.
+    assert images[0].shape == (2 * 362 + 4, 968, 3)
+    half = squares.rig.cameras[0].project(squares.positions_m(0.3)[0])[0]
+    assert is_drawn(images[6], 482 / 320 * half)
+    # That which has begun late is black until then.
+    assert images[1][:300, 500:].max() < 40
+    assert images[6][:300, 500:].max() > 150
+
+
+def test_what_is_predicted_is_hollow_and_the_ellipse_holds_95_percent(squares: SquaresScene) -> None:
+    camera, walking = squares.rig.cameras[0], trajectory(squares, 2)
+    status = np.array([Status.OBSERVED, Status.PREDICTED, Status.OBSERVED])
+    covariance_m2 = np.tile(np.diag([0.0, 0.0, 0.05**2]), (3, 1, 1))
+    pose = Pose(0, walking.positions_m[0], status, covariance_m2)
+    image = np.full((960, 1280, 3), 60, np.uint8)
+    Drawing(walking.skeleton, ellipses=True, numbers=False).add(image, camera, pose, scale=4.0)
+    places_px = 4 * camera.project(walking.positions_m[0])
+    assert is_drawn(image, places_px[0])
+    assert not is_drawn(image, places_px[1]), "hollow"
+    # Upwards 95 % of two normal coordinates are within 2.45 standard deviations.
+    top_px = 4 * camera.project(walking.positions_m[0, 0] + [0.0, 0.0, 2.4477 * 0.05])
+    assert is_drawn(image, top_px)
+
+
+def test_people_are_between_the_frames_of_their_trajectory_and_not_in_its_gaps(squares: SquaresScene) -> None:
+    walking = trajectory(squares, 20)
+    gap = walking.frames(~np.isin(np.arange(20), [8, 9, 10, 11]))
+    moments = Moments({3: gap}, np.array([0.025, 0.475, 0.95, 1.2]))
+    (pose,) = moments.poses(0)
+    assert pose.person == 3
+    np.testing.assert_allclose(pose.positions_m, squares.positions_m(0.025)[0], atol=1e-12)
+    assert moments.poses(1) == []
+    assert len(moments.poses(2)) == 1
+    assert moments.poses(3) == []
+
+
+def test_what_is_missing_is_said_before_any_work(
+    recorded: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = ["-o", str(tmp_path / "film.mp4")]
+    assert main([*recorded[:3], *output]) == 2
+    assert "pose.npz does not hold the calibration of its cameras; give it with --rig" in capsys.readouterr().err
+    assert main([*recorded, *output, "--from", "7"]) == 2
+    assert "ring_0.mp4: no frame is from 7 s on: there are frames from 0 s to 0.95 s" in capsys.readouterr().err
+    assert main([*recorded, *output, "--width", "1"]) == 2
+    assert "--width must be 2 px at least" in capsys.readouterr().err
+    assert not (tmp_path / "film.mp4").exists()
