@@ -6,6 +6,9 @@ fig. 4.1. Adults differ by some 5 % from these, and as much by where data sets h
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 from jaxtyping import Float
 
@@ -35,14 +38,21 @@ _SIDES = {"left_": 1.0, "right_": -1.0}
 
 def shares_of_stature(skeleton: Skeleton) -> Float[np.ndarray, " length"]:
     """Of the lengths of a skeleton; NaN where the proportions do not tell: head, hands, feet, joints of other names."""
-    places = np.array([_standing(joint) for joint in skeleton.joints])
+    places = np.array([standing(joint) for joint in skeleton.joints])
     shares = np.full(skeleton.n_lengths, np.nan)
     for (start, end), length in zip(skeleton.bones, skeleton.length_of_bone, strict=True):
         shares[length] = np.linalg.norm(places[start] - places[end])
     return shares
 
 
-def _standing(joint: str) -> tuple[float, float]:
+def standing(joint: str, others: Mapping[str, tuple[float, float]] = MappingProxyType({})) -> tuple[float, float]:
+    """How far to the left of the middle a joint is of somebody who stands with hanging arms, and how high, as shares of
+    the stature; NaN where that is not told.
+
+    Args:
+        joint: its name.
+        others: the same of joints without left_ and right_ that the proportions do not tell.
+    """
     side = next((side for side in _SIDES if joint.startswith(side)), "")
-    across, height = _STANDING.get(joint.removeprefix(side), (np.nan, np.nan))
+    across, height = {**others, **_STANDING}.get(joint.removeprefix(side), (np.nan, np.nan))
     return _SIDES.get(side, 1.0) * across, height

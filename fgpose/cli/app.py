@@ -31,6 +31,7 @@ from fgpose.cli.commands.models import Models
 from fgpose.cli.commands.overlay import Overlay
 from fgpose.cli.commands.report import Report
 from fgpose.cli.commands.run import Run
+from fgpose.cli.commands.skeletons import Skeletons
 from fgpose.cli.commands.study import Study
 from fgpose.cli.commands.synchronise import Synchronise
 from fgpose.cli.commands.view import View
@@ -77,6 +78,7 @@ _COMMANDS = {
     "view": View,
     "overlay": Overlay,
     "models": Models,
+    "skeletons": Skeletons,
 }
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 # Options whose value is a number: those that end with its unit.

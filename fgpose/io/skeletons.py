@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import reprlib
+from difflib import get_close_matches
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -26,18 +27,32 @@ def builtin_skeletons() -> tuple[str, ...]:
 def load_skeleton(name_or_path: str | Path) -> Skeleton:
     """A built-in skeleton by name, or a user's own from a TOML file of the same form (see fgpose/skeletons/).
 
+    Names are found as other programs write them: BODY_25, halpe26, COCO.
+
     Raises:
         ValueError: no built-in skeleton has this name, or the file is not a skeleton; the message says where.
     """
-    if str(name_or_path) in builtin_skeletons():
-        return _load_builtin(str(name_or_path))
-    if not Path(name_or_path).is_file():
-        raise ValueError(
-            f"no skeleton {str(name_or_path)!r}: give a TOML file or one of {', '.join(builtin_skeletons())}"
-        )
+    if str(name_or_path) in builtin_skeletons() or not Path(name_or_path).is_file():
+        return _load_builtin(_builtin(str(name_or_path)))
     with naming(name_or_path, "not a skeleton"):
         content = read_content(Path(name_or_path), MAX_SETTINGS_BYTES)
         return _parse(parse_toml(content.decode("utf-8")))
+
+
+def _builtin(name: str) -> str:
+    """The one that is called so, but for case and separators, or that alone begins so."""
+    wanted, plain = _plain(name), {_plain(own): own for own in builtin_skeletons()}
+    begin_so = [own for each, own in plain.items() if wanted and each.startswith(wanted)]
+    found = [plain[wanted]] if wanted in plain else begin_so
+    if len(found) != 1:
+        meant = found or [plain[near] for near in get_close_matches(wanted, plain, n=2)]
+        hint = f"did you mean {' or '.join(meant)}? There are" if meant else "give a TOML file or one of"
+        raise ValueError(f"no skeleton {name!r}: {hint} {', '.join(builtin_skeletons())}")
+    return found[0]
+
+
+def _plain(name: str) -> str:
+    return "".join(letter for letter in name.lower() if letter.isalnum())
 
 
 @cache

@@ -171,6 +171,27 @@ def test_a_bad_skeleton_file_is_one_clear_error(tmp_path: Path, old: str, new: s
     assert str(error.value).startswith(f"{path}: not a skeleton: ")
 
 
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ("BODY_25", "body_25"),
+        ("BODY_25B", "body_25b"),
+        ("halpe26", "halpe_26"),
+        ("COCO", "coco_17"),
+        ("smpl", "smpl_24"),
+    ],
+)
+def test_names_are_found_as_other_programs_write_them(given: str, name: str) -> None:
+    assert load_skeleton(given).name == name
+
+
+def test_a_name_that_may_mean_two_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"no skeleton 'h36m': did you mean h36m_17 or h36m_17_lt\?"):
+        load_skeleton("h36m")
+    with pytest.raises(ValueError, match=r"no skeleton 'cocco_17': did you mean coco_17\?"):
+        load_skeleton("cocco_17")
+
+
 def test_an_unknown_name_lists_the_built_in_skeletons() -> None:
     with pytest.raises(ValueError, match=r"no skeleton 'coco_18'.*coco_17, h36m_17"):
         load_skeleton("coco_18")

@@ -1,0 +1,88 @@
+"""A picture of a skeleton that stands, seen from the front, as SVG."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.proportions import standing
+from fgpose.skeleton import Skeleton
+
+# Only where to draw them: how far from the middle and how high, as shares of the stature. Feet are turned outwards.
+_PLACES = {
+    "head_top": (0.0, 1.0),
+    "head": (0.0, 0.975),
+    "neck_base": (0.0, 0.875),
+    "nose": (0.0, 0.915),
+    "eye_inner": (0.014, 0.938),
+    "eye": (0.022, 0.938),
+    "eye_outer": (0.03, 0.938),
+    "ear": (0.05, 0.925),
+    "mouth": (0.015, 0.89),
+    "collar": (0.035, 0.8),
+    "spine3": (0.0, 0.745),
+    "spine2": (0.0, 0.665),
+    "spine1": (0.0, 0.59),
+    "hand": (0.115, 0.42),
+    "thumb": (0.08, 0.43),
+    "index": (0.1, 0.4),
+    "pinky": (0.13, 0.415),
+    "heel": (0.06, 0.005),
+    "foot": (0.1, -0.02),
+    "foot_index": (0.11, -0.03),
+    "big_toe": (0.095, -0.035),
+    "small_toe": (0.13, -0.02),
+}
+_HEIGHT_PX, _WIDTH_PX, _MARGIN_PX = 900, 720, 60
+_LEFT, _RIGHT, _MIDDLE = "#e69f00", "#0072b2", "#666666"  # Okabe and Ito, on white and on black
+
+
+def skeleton_picture(skeleton: Skeleton) -> str:
+    """Joints with their names and indices: left orange, right blue; bones of constant length solid, other lines dashed.
+
+    Raises:
+        ValueError: it has joints of other names than the built-in skeletons, whose places are not known.
+    """
+    places_px = _places_px(skeleton)
+    shapes = [
+        f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"{dash}/>'
+        for pairs, dash in ((skeleton.bones, ""), (skeleton.lines, ' stroke-dasharray="4 5"'))
+        for (x1, y1), (x2, y2) in (places_px[list(pair)] for pair in pairs)
+    ]
+    for name, (x, y) in zip(skeleton.joints, places_px, strict=True):
+        colour = _LEFT if name.startswith("left_") else _RIGHT if name.startswith("right_") else _MIDDLE
+        shapes.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="{colour}"/>')
+    shapes += _labels(skeleton, places_px)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH_PX} {_HEIGHT_PX}" font-family="sans-serif" '
+        f'font-size="12" fill="{_MIDDLE}">\n<title>{escape(skeleton.name)}</title>\n'
+        f'<g stroke="{_MIDDLE}" stroke-width="2" stroke-linecap="round">\n' + "\n".join(shapes) + "\n</g>\n</svg>\n"
+    )
+
+
+def _places_px(skeleton: Skeleton) -> Float[np.ndarray, "joint 2"]:
+    places = np.array([standing(joint, _PLACES) for joint in skeleton.joints])
+    unknown = [joint for joint, place in zip(skeleton.joints, places, strict=True) if np.isnan(place).any()]
+    if unknown:
+        raise ValueError(f"where to draw {', '.join(unknown)} of skeleton {skeleton.name} is not known")
+    high_px = _HEIGHT_PX - 2 * _MARGIN_PX
+    # Seen from the front, left is on the right.
+    across_px = _WIDTH_PX / 2 + 1.6 * high_px * places[:, 0]
+    return np.stack([across_px, _MARGIN_PX + high_px * (1 - places[:, 1]) / 1.04], axis=1)
+
+
+def _labels(skeleton: Skeleton, places_px: Float[np.ndarray, "joint 2"]) -> list[str]:
+    """Beside the body, each at the height of its joint or a line below the one before."""
+    shapes = []
+    for is_left, x_px, anchor in ((True, _WIDTH_PX - 10, "end"), (False, 10, "start")):
+        side = [n for n, name in enumerate(skeleton.joints) if name.startswith("left_") == is_left]
+        y_px = -np.inf
+        for n in sorted(side, key=lambda n: places_px[n, 1]):
+            y_px = max(float(places_px[n, 1]), y_px + 15)
+            shapes.append(
+                f'<text x="{x_px}" y="{y_px + 4:.1f}" text-anchor="{anchor}" stroke="none">'
+                f"{n} {escape(skeleton.joints[n])}</text>"
+            )
+    return shapes
