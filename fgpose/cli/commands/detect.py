@@ -14,7 +14,7 @@ from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
-from fgpose.cli.options import CameraChoice, RigOption, WantedOptions, checked_frames
+from fgpose.cli.options import CameraChoice, WantedOptions, checked_frames
 from fgpose.monocular.networks.devices import Device
 from fgpose.observations import check_confidence
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from fgpose.monocular.flips import FlipCorrection
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
+    from fgpose.people_observations import PeopleObservations
     from fgpose.pipeline import AnySource, Outputs
 
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
@@ -155,17 +156,20 @@ class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Detect(VideoOptions, RigOption):
+class Detect(VideoOptions):
     """Detect the joints of people in videos, without estimating anything from them.
 
     Writes NAME.parquet: for each image, person and joint the pixels, the confidence, the absolute 3D joint that the
     view alone gives, and its covariance. fgpose smooth, track, refine and info read it. If a video has another size
     than its calibration, the calibration for this size is written as NAME_calibration.toml: use it in these commands.
+    Without a calibration there are pixels and confidences of everybody only, from which fgpose calibrate finds one.
 
     Example: fgpose detect videos/ --rig Calib.qca.txt, then fgpose smooth detections/videos.parquet --rig
     Calib.qca.txt --skeleton blazepose_33
     """
 
+    rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none, and no 3D)")] = None
+    """Calibration of the cameras, in any format that fgpose smooth reads."""
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("detections")
     """Folder for the results; it is made if it is absent. What another command left there is not replaced."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the videos)")] = None
@@ -174,10 +178,20 @@ class Detect(VideoOptions, RigOption):
     """parquet is a table that any data tool reads, npz is for NumPy."""
 
     def sources(self) -> Sources:
-        return self.with_rig(self.rig)
+        if self.rig is not None:
+            return self.with_rig(self.rig)
+        from fgpose.geometry.intrinsics import guessed_intrinsics
+        from fgpose.monocular.sources import Sources, find_clips
+
+        if self.people == "1" or self.person_region is not None:
+            raise ValueError(
+                "who is the same in all cameras is told by their places: give --rig, or leave out the person"
+            )
+        clips = find_clips(self.videos, fps=self.fps, cameras=self.cameras)
+        names, sizes_px = zip(*((clip.name, clip.size_px) for clip in clips), strict=True)
+        return Sources(guessed_intrinsics(names, sizes_px), clips)
 
     def run(self) -> None:
-        from fgpose.io.calibration import load_rig
         from fgpose.io.keypoints import save_observations, save_people_observations
         from fgpose.people_observations import PeopleObservations
         from fgpose.pipeline import Outputs, write_all
@@ -186,9 +200,9 @@ class Detect(VideoOptions, RigOption):
         # dict: each format once.
         name = self.name or Path(os.path.realpath(self.videos)).stem
         outputs = Outputs(self.output, name, tuple(dict.fromkeys(self.formats)), step="detect")
-        outputs.check(("detected",), (self.rig,))
+        outputs.check(("detected",), () if self.rig is None else (self.rig,))
         detected = self.detect(console)
-        seen = self.wanted(detected, console).observations
+        seen = self.wanted(detected, console).observations if self.rig else self._pixels(detected)
         if isinstance(seen, PeopleObservations):
             n_images, n_people = len(seen.images), sum(image.n_people for image in seen.images)
             console.print(f"{n_people} detections of people in {n_images} images, up to {seen.n_most} in one")
@@ -198,16 +212,29 @@ class Detect(VideoOptions, RigOption):
         writers: dict[Path | str, Callable[[], object]] = {
             path: partial(save, path) for path in outputs.trajectory_paths(("detected",))
         }
-        calibrated = load_rig(self.rig, self.unit).subset(detected.rig.names)
-        if any(a.size_px != b.size_px for a, b in zip(calibrated.cameras, detected.rig.cameras, strict=True)):
-            writers[outputs.calibration] = partial(self._save_calibration, detected.rig, outputs)
+        if self.rig is not None and self._has_other_sizes(detected.rig, self.rig):
+            writers[outputs.calibration] = partial(self._save_calibration, detected.rig, self.rig, outputs)
         print_written(console, *write_all(writers))
 
-    def _save_calibration(self, rig: CameraRig, outputs: Outputs) -> None:
+    def _pixels(self, detected: Detected) -> PeopleObservations:
+        """Everybody, by the pixels alone: where a view is in the world is not known."""
+        from fgpose.pipeline import Source
+
+        images = (replace(image, points3d_m=None, covariance3d_m2=None) for image in detected.people.images)
+        pixels = Source(detected.rig, replace(detected.people, images=tuple(images))).confident(self.min_confidence)
+        return pixels.first_frames(checked_frames(self.frames)).observations
+
+    def _has_other_sizes(self, rig: CameraRig, path: Path) -> bool:
+        from fgpose.io.calibration import load_rig
+
+        calibrated = load_rig(path, self.unit).subset(rig.names)
+        return any(a.size_px != b.size_px for a, b in zip(calibrated.cameras, rig.cameras, strict=True))
+
+    def _save_calibration(self, rig: CameraRig, path: Path, outputs: Outputs) -> None:
         from fgpose.io.calibration import load_calibration_origin, save_rig
 
-        outputs.check((), (self.rig,), calibration=True)
-        known = load_calibration_origin(self.rig).subset(rig.names)
+        outputs.check((), (path,), calibration=True)
+        known = load_calibration_origin(path).subset(rig.names)
         save_rig(rig, outputs.calibration, origin=replace(known, step=outputs.step))
 
 

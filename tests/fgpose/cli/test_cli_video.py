@@ -265,6 +265,26 @@ class Troubled:
         return replace(self.tracker.detect(image), problems=("poor fit: twice as much as usual", of_second))
 
 
+def test_without_a_calibration_the_pixels_of_everybody_are_detected(
+    squares: SquaresScene, network: SquaresNetwork, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    squares.write_all(tmp_path / "walk", N_IMAGES, FPS, n_people=2)
+    assert main(["detect", str(tmp_path / "walk"), "-o", str(tmp_path), "--frames", "4"]) == 0
+    people = fgpose.files.load_uncalibrated(tmp_path / "walk.parquet", network.skeleton)
+    assert people.camera_names == squares.rig.names
+    assert len(people.images) == 4 * squares.rig.n_cameras
+    for image in people.images:
+        assert image.points3d_m is None
+        true_px = squares.rig.cameras[squares.rig.names.index(image.camera)].project(
+            squares.positions_m(image.time_s, 2)
+        )
+        # Squares of 11 pixels, compressed.
+        np.testing.assert_allclose(np.sort(image.points2d_px, axis=0), np.sort(true_px, axis=0), atol=1.5)
+    capsys.readouterr()
+    assert main(["detect", str(tmp_path / "walk"), "-o", str(tmp_path), "--people", "1"]) == 2
+    assert "give --rig, or leave out the person" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["run", "detect"])
 def test_what_troubled_the_3d_is_printed_of_the_wanted_person_only(
     command: str,
