@@ -1,7 +1,7 @@
 """Long runs in a process of their own, so that nothing else counts in their memory.
 
-``python isolated.py batch|isam2|window RECORDING.npz SKELETON`` prints one JSON object; RECORDING is of the scenario of this
-folder.
+``python isolated.py batch|isam2|window RECORDING.npz SKELETON`` prints one JSON object; RECORDING is of the scenario of
+this folder.
 """
 
 from __future__ import annotations

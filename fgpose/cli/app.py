@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import io
 import itertools
 import os
 import re
@@ -11,8 +12,9 @@ import sys
 import traceback
 import typing
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TextIO, Union, runtime_checkable
@@ -27,15 +29,14 @@ from fgpose.cli.commands.estimators import Refine, Smooth, Track
 from fgpose.cli.commands.evaluate import Evaluate
 from fgpose.cli.commands.info import Info
 from fgpose.cli.commands.live import Live
-from fgpose.cli.commands.models import Models
-from fgpose.cli.commands.overlay import Overlay
+from fgpose.cli.commands.models import Models, Skeletons
 from fgpose.cli.commands.report import Report
 from fgpose.cli.commands.run import Run
-from fgpose.cli.commands.skeletons import Skeletons
 from fgpose.cli.commands.study import Study
 from fgpose.cli.commands.synchronise import Synchronise
-from fgpose.cli.commands.view import View
+from fgpose.cli.commands.view import Overlay, View
 from fgpose.cli.console import printable
+from fgpose.cli.mistakes import in_one_line
 from fgpose.cli.process import open_streams, say, set_arguments, signals_as_exceptions, silence_stdout
 from fgpose.config import Config, load_config
 from fgpose.extensions import added
@@ -80,6 +81,8 @@ _COMMANDS = {
     "models": Models,
     "skeletons": Skeletons,
 }
+_HELP, _HELP_ALL = {"-h", "--help"}, "--help-all"
+_PARAMETERS_HIDDEN = "--help-all also lists the parameters of the estimation, which most recordings do not need."
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 # Options whose value is a number: those that end with its unit.
 _OPTION_OF_A_NUMBER = re.compile(r"--(fps|height|[\w.-]+[-_](s|m|px))")
@@ -165,18 +168,51 @@ def _parse(arguments: list[str]) -> Command:
     if completed is not None:
         arguments = [arguments[0], *completed(arguments[1:])]
     _check_decimal_points(arguments)
-    config = _config_of(arguments)
+    config, hides_parameters = _config_of(arguments), _HELP_ALL not in arguments and bool(_HELP & set(arguments))
+    arguments = ["--help" if argument == _HELP_ALL else argument for argument in arguments] or ["--help"]
     # The list of the commands has one line for each; the help of a command says everything.
-    brief = arguments[:1] in ([], ["-h"], ["--help"])
+    brief = arguments[:1] in (["-h"], ["--help"])
     commands = []
     for name, command in known.items():
         description = (command.__doc__ or "").partition("\n")[0] if brief else None
         if name in _ESTIMATORS:
             # The values of --config become the defaults of the options, so that the command line overrides them.
-            command = _with_defaults(command, config)
+            command = _with_defaults(command, config, hidden=hides_parameters)
         commands.append(Annotated[command, tyro.conf.subcommand(name, description=description)])
     any_command: Any = Union[tuple(commands)]  # noqa: UP007
-    return tyro.cli(any_command, args=arguments, prog="fgpose", description=_DESCRIPTION)
+    parse = partial(tyro.cli, any_command, prog="fgpose", description=_DESCRIPTION)
+    return _parsed(parse, arguments, known)
+
+
+def _parsed(parse: Callable[..., Command], arguments: list[str], known: Collection[str]) -> Command:
+    """Raises SystemExit, 2 after a line that says what is wrong with the arguments."""
+    box = io.StringIO()
+    try:
+        with redirect_stderr(box):
+            return parse(args=arguments)
+    except SystemExit as end:
+        if end.code == FAILED:
+            line = in_one_line(_printed(parse, arguments), arguments, known, _options(parse, arguments, known))
+            say(f"fgpose: error: {printable(line)}\n" if line else box.getvalue())
+        raise
+
+
+def _options(parse: Callable[..., Command], arguments: list[str], known: Collection[str]) -> set[str]:
+    """Of the command that the arguments name."""
+    return set(re.findall(r"--[\w.-]+", _printed(parse, [arguments[0], "--help"]))) if arguments[0] in known else set()
+
+
+def _printed(parse: Callable[..., Command], arguments: list[str]) -> str:
+    """What is printed of these arguments where lines may be very long."""
+    printed = io.StringIO()
+    columns = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "1000"
+    try:
+        with redirect_stdout(printed), redirect_stderr(printed), suppress(SystemExit):
+            parse(args=arguments)
+    finally:
+        os.environ.pop("COLUMNS") if columns is None else os.environ.update(COLUMNS=columns)
+    return printed.getvalue()
 
 
 def _check_decimal_points(arguments: list[str]) -> None:
@@ -186,12 +222,19 @@ def _check_decimal_points(arguments: list[str]) -> None:
             raise ValueError(f"{option} {value}: write a point, {value.replace(',', '.')}")
 
 
-def _with_defaults(command: type, config: Config) -> type:
-    """The same command with other defaults of its parameters."""
+def _with_defaults(command: type, config: Config, *, hidden: bool) -> type:
+    """The same command with other defaults of its parameters, which its help lists or leaves out."""
+    import tyro
+
     (parameters,) = (field for field in dataclasses.fields(command) if field.name == "parameters")
     kind = typing.get_type_hints(command, include_extras=True)["parameters"]
-    field = (parameters.name, kind, dataclasses.field(default=config))
-    namespace = {"__doc__": command.__doc__, "__module__": command.__module__}
+    field = (
+        parameters.name,
+        Annotated[kind, tyro.conf.Suppress] if hidden else kind,
+        dataclasses.field(default=config),
+    )
+    document = f"{command.__doc__}\n\n{_PARAMETERS_HIDDEN}" if hidden else command.__doc__
+    namespace = {"__doc__": document, "__module__": command.__module__}
     return dataclasses.make_dataclass(
         command.__name__, [field], bases=(command,), namespace=namespace, frozen=True, kw_only=True
     )

@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.proportions import standing
+from fgpose.kinematics.proportions import standing
 from fgpose.skeleton import Skeleton
 
 # Only where to draw them: how far from the middle and how high, as shares of the stature. Feet are turned outwards.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.proportions import FOREARM, HIPS, SHANK, SHOULDERS, THIGH, TRUNK, UPPER_ARM
+from fgpose.kinematics.proportions import FOREARM, HIPS, SHANK, SHOULDERS, THIGH, TRUNK, UPPER_ARM
 from fgpose.skeleton import Skeleton
 
 Point = tuple[str, ...]  # the mean of these joints

@@ -15,7 +15,7 @@ from fgpose.estimation.solvers.block_tridiagonal import blas_libraries, one_blas
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.geometry.camera import CameraRig
-from fgpose.proportions import shares_of_stature
+from fgpose.kinematics.proportions import shares_of_stature
 from fgpose.sampling import TIME_ROUNDING_S, usual_step_s
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import BoneLengths

@@ -18,13 +18,13 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
+from fgpose.kinematics.proportions import FOREARM, SHANK, THIGH, TRUNK, UPPER_ARM
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.rtmpose import SimccNetwork
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.networks.yolox import person_detector
-from fgpose.proportions import FOREARM, SHANK, THIGH, TRUNK, UPPER_ARM
 from fgpose.skeleton import LIMBS, Skeleton
 from fgpose_factors.robust_statistics import CAUCHY_SCALE
 

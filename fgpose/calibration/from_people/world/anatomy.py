@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.proportions import ANKLE_HEIGHT, SHANK, THIGH, TRUNK
+from fgpose.kinematics.proportions import ANKLE_HEIGHT, SHANK, THIGH, TRUNK
 from fgpose.skeleton import Skeleton
 from fgpose_factors.robust_statistics import known_median
 

@@ -7,7 +7,7 @@ import pytest
 
 import fgpose
 from fgpose.estimation.initial_guess import median_lengths
-from fgpose.proportions import shares_of_stature
+from fgpose.kinematics.proportions import shares_of_stature
 from fgpose_benchmarks.synthetic import motion_from_npz
 from tests.conftest import MOCAP
 

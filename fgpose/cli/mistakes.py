@@ -1,0 +1,65 @@
+"""What is wrong with the arguments, in one line as all other errors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from difflib import get_close_matches
+
+_LINE = re.compile(r"[│| ] (.*?) *[│|]?")  # in the box
+_NAME = re.compile(r" {4}(\S.*)")  # of an option; what it means is further to the right
+_NUMBERS = {"<class 'int'>": "a whole number", "<class 'float'>": "a number"}
+
+
+def in_one_line(text: str, arguments: Sequence[str], commands: Collection[str], options: Collection[str]) -> str | None:
+    """The same as a box of tyro says; None if it is one of which nothing is known here.
+
+    Args:
+        text: the box, wide enough that nothing is broken into lines.
+        arguments: of the program.
+        commands: their names.
+        options: of the command that the arguments name; "--rig".
+    """
+    lines = [found[1] for line in text.splitlines() if (found := _LINE.fullmatch(line.rstrip()))]
+    lines = [line for line in lines if line.strip("─- ")]
+    said = " ".join(line.strip() for line in lines)
+    command = " ".join(["fgpose", *arguments[:1]])
+    help_says = f"{command} --help lists what there is"
+    if arguments and arguments[0] not in commands and not arguments[0].startswith("-"):
+        return f"there is no command {arguments[0]}{_meant(arguments[0], commands)} fgpose --help lists all"
+    if "Unrecognized options:" in said:
+        unknown = _unknown(lines)
+        wrong = [name for name in unknown if name.startswith("-")]
+        if subcommands := re.search(r"Available subcommands: (\w+(, \w+)*)", said):
+            return f"{command} {unknown[0]} is none of {subcommands[1]}"
+        if not wrong:
+            return f"nothing is expected at {' '.join(unknown)}; {help_says}"
+        return " ".join(f"there is no option {name}{_meant(name, options)}" for name in wrong) + f" {help_says}"
+    if "Missing from" in said:
+        needed = [found[1] for line in lines if (found := _NAME.fullmatch(line)) and not found[1].startswith("fgpose ")]
+        return f"{command} needs {' and '.join(needed)}; {help_says}"
+    if found := re.search(r"invalid choice '(.*?)' for argument '(.*?)'. Expected one of \((.*?),?\)", said):
+        choices = found[3].replace("'", "").split(", ")
+        return f"{found[2]} {found[1]}: choose {', '.join(choices[:-1])} or {choices[-1]}"
+    if found := re.search(r"Missing value for argument '(.*?)'", said):
+        return f"{found[1]}: a value is missing"
+    if found := re.search(r"Error parsing (\S+):", said):
+        values = re.search(r"\[(.*?)\]", said)
+        given = values[1].replace("'", "") if values else ""
+        kind = next((words for name, words in _NUMBERS.items() if name in said), None)
+        return f"{found[1]} {given}: {kind} is needed" if kind else f"{found[1]} {given} cannot be read; {help_says}"
+    if arguments and (found := re.search(r"Expected one of \{(.*?)\}", said)):
+        return f"{command} needs one of {found[1]}"
+    return None
+
+
+def _unknown(lines: Sequence[str]) -> list[str]:
+    """In one line, or one under the other."""
+    at = next(n for n, line in enumerate(lines) if "Unrecognized options:" in line)
+    same = lines[at].partition("options:")[2].strip()
+    return same.split(", ") if same else [found[1] for line in lines[at + 1 :] if (found := _NAME.fullmatch(line))]
+
+
+def _meant(name: str, names: Collection[str]) -> str:
+    near = get_close_matches(name, names, n=1, cutoff=0.7)
+    return f"; did you mean {near[0]}?" if near else ";"

@@ -1,0 +1,77 @@
+"""What is said of wrong arguments, and how long the help is."""
+
+from __future__ import annotations
+
+import pytest
+
+from fgpose.cli import main
+
+NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["smoth", "x"], "there is no command smoth; did you mean smooth? fgpose --help lists all"),
+        (["zzz"], "there is no command zzz; fgpose --help lists all"),
+        (
+            ["smooth", "x", *NEEDED, "--frame", "3", "--stric"],
+            "there is no option --frame; did you mean --frames? there is no option --stric; did you mean --strict? "
+            "fgpose smooth --help lists what there is",
+        ),
+        (
+            ["smooth", "x", "--skelton", "coco_17"],
+            "there is no option --skelton; did you mean --skeleton? fgpose smooth --help lists what there is",
+        ),
+        (
+            ["smooth", "x"],
+            "fgpose smooth needs --rig FILE and --skeleton NAME|FILE; fgpose smooth --help lists what there is",
+        ),
+        (["smooth", *NEEDED], "fgpose smooth needs PATH; fgpose smooth --help lists what there is"),
+        (["smooth", "x", "y", *NEEDED], "nothing is expected at y; fgpose smooth --help lists what there is"),
+        (["smooth", "x", *NEEDED, "--fps", "fast"], "--fps fast: a number is needed"),
+        (["smooth", "x", *NEEDED, "--frames", "1.5"], "--frames 1.5: a whole number is needed"),
+        (["smooth", "x", *NEEDED, "--people", "two"], "--people two: choose auto, all or 1"),
+        (["smooth", "x", "--rig"], "--rig: a value is missing"),
+        (["models"], "fgpose models needs one of pull, list"),
+        (["models", "pul"], "fgpose models pul is none of pull, list"),
+    ],
+)
+def test_one_line_says_what_is_wrong(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for columns in ("60", "200"):
+        monkeypatch.setenv("COLUMNS", columns)
+        with pytest.raises(SystemExit) as end:
+            main(arguments)
+        assert end.value.code == 2
+        printed = capsys.readouterr()
+        assert printed.err == f"fgpose: error: {message}\n"
+        assert not printed.out
+
+
+@pytest.mark.parametrize("command", ["smooth", "track", "refine", "run"])
+def test_help_is_short_and_all_help_has_the_parameters(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    helps = []
+    for option in ("--help", "--help-all"):
+        with pytest.raises(SystemExit) as end:
+            main([command, option])
+        assert end.value.code == 0
+        helps.append(capsys.readouterr().out)
+    brief, whole = helps
+    assert "--motion.fade-s" not in brief
+    assert "--help-all" in brief
+    # Two screens, and half of a third for what begins with videos.
+    assert brief.count("\n") < (150 if command == "run" else 100)
+    assert "--motion.fade-s" in whole
+    assert "--rig" in whole
+
+
+def test_without_arguments_the_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([])
+    assert end.value.code == 0
+    assert "smooth" in capsys.readouterr().out
