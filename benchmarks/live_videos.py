@@ -7,6 +7,11 @@ backwards again and again, so that nobody jumps. Prints a table of the delay fro
 arrival of the frame at a consumer (ZeroMQ), early and late in the run; of the rate of detections; and of the error
 against the unhurried result, for which every image is looked at: undisturbed, and while other programs take so much of
 the processor that the rate is halved.
+
+    python benchmarks/live_videos.py --messages
+
+prints which share of the processor time the messages between the processes take, and pictures, where every image is
+looked at, however long that takes: so the load of the machine does not count.
 """
 
 from __future__ import annotations
@@ -18,13 +23,14 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import av
 import numpy as np
 
+import timed_messages
 from fgpose.child_process import n_cores
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.frame_messages import decode_frame
@@ -90,9 +96,22 @@ def rig_file(folder: Path, calibration: Path, videos: Sequence[Path], *, fast: b
     return path
 
 
-def start(rig: Path, record: Path, *options: str) -> subprocess.Popen[bytes]:
+def start(
+    rig: Path, record: Path, *options: str, environment: Mapping[str, str] | None = None
+) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "fgpose", "live", str(rig), "--model", _MODEL, "--max-people", "1"]
-    return subprocess.Popen([*command, "--record", str(record), *options])
+    return subprocess.Popen([*command, "--record", str(record), *options], env=environment)
+
+
+def share_of_messages(rig: Path, folder: Path, minutes: float) -> str:
+    """A table of processor time: of all processes, of their messages, and of pictures."""
+    options = ("--page", str(free_port()), "--duration-s", str(60 * minutes))
+    times = folder / "times"
+    times.mkdir()
+    process = start(rig, folder / "messages.fgpose", *options, environment=timed_messages.environment(times))
+    if process.wait():
+        raise RuntimeError(f"fgpose live ended with status {process.returncode}")
+    return timed_messages.table(times)
 
 
 def unhurried(folder: Path, calibration: Path, videos: Sequence[Path]) -> tuple[np.ndarray, np.ndarray]:
@@ -214,6 +233,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=2.0, help="of the undisturbed run (default: %(default)s)")
     parser.add_argument("--loaded-minutes", type=float, default=1.0, help="of the other (default: %(default)s)")
     parser.add_argument("--busy", type=int, default=n_cores(), help="programs that want the processor as well")
+    parser.add_argument("--messages", action="store_true", help="only print what messages take, over --minutes")
     parser.add_argument("--output", type=Path, help="write the figures to this file (JSON)")
     arguments = parser.parse_args()
     source = fetch_demo_videos(recording="Demo_SinglePerson", progress=print)
@@ -222,6 +242,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         videos = there_and_back(source / "videos", folder)
+        if arguments.messages:
+            rig = rig_file(folder, calibration, videos, fast=True)
+            print(share_of_messages(rig, folder, arguments.minutes))
+            return
         truth = unhurried(folder, calibration, videos)
         rig = rig_file(folder, calibration, videos, fast=False)
         runs = [measure("undisturbed", rig, folder / "a.fgpose", skeleton, arguments.minutes, truth)]

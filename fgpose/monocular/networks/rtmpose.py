@@ -4,6 +4,7 @@ answer with one histogram per joint and axis (Li et al. 2022, "SimCC").
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from jaxtyping import Float, Float32, UInt8
 from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.network import Image, People
+from fgpose.monocular.networks.batches import Batches
 from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.sessions import Shape, check_signature, identity, open_session
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker, by_order
@@ -85,12 +87,19 @@ class SimccNetwork:
         self.size = self._checked_size()
         self._input = self._session.get_inputs()[0].name
         self.n_keypoints = self._checked_answer()
+        self._batches = Batches(self._session, {self._input: self._noise()})
         self.name = identity(path, self._session)
 
-    def pose(self, image: Image, box: Box) -> SimccPose:
-        """The person in a box (left, top, width, height, ...) of an image."""
-        crop = BoxCrop.around(box, self.size)
-        peaks = [_peak(histogram[0]) for histogram in self._run(_normalised(crop.of(image)))]
+    def poses(self, image: Image, boxes: Boxes) -> list[SimccPose]:
+        """The people in the boxes of an image, one box at least."""
+        crops = [BoxCrop.around(box, self.size) for box in boxes]
+        shown = np.stack([_normalised(crop.of(image)) for crop in crops])
+        answers = zip(*self._batches.run({self._input: shown}), strict=True)
+        return [self._pose(crop, histograms) for crop, histograms in zip(crops, answers, strict=True)]
+
+    def _pose(self, crop: BoxCrop, histograms: Sequence[Float32[np.ndarray, "keypoint _"]]) -> SimccPose:
+        """histograms: of each axis."""
+        peaks = [_peak(histogram.astype(float)) for histogram in histograms]
         (x, height_x), (y, height_y) = peaks[:2]
         lower = np.minimum(height_x, height_y)
         confidence = np.where(lower > 0, np.minimum(lower, 1.0), 0.0)
@@ -99,8 +108,9 @@ class SimccNetwork:
         known = confidence > 0
         return SimccPose(np.where(known[:, None], points2d_px, np.nan), confidence, np.where(known, depth, np.nan))
 
-    def _run(self, crop: Float32[np.ndarray, "1 3 crop_height crop_width"]) -> list[np.ndarray]:
-        return [np.asarray(output, dtype=float) for output in self._session.run(None, {self._input: crop})]
+    def _noise(self) -> Float32[np.ndarray, "2 3 crop_height crop_width"]:
+        width, height = self.size
+        return np.random.default_rng(0).standard_normal((2, 3, height, width), dtype=np.float32)
 
     def _checked_size(self) -> tuple[int, int]:
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
@@ -116,7 +126,7 @@ class SimccNetwork:
     def _checked_answer(self) -> int:
         """Number of keypoints. An exporter need not write the lengths into the file, so the network is asked."""
         width, height = self.size
-        found = [output.shape for output in self._run(np.zeros((1, 3, height, width), dtype=np.float32))]
+        found = [np.asarray(output).shape for output in self._session.run(None, {self._input: self._noise()[:1]})]
         n_keypoints = found[0][1]
         bins = (_BINS_PER_PIXEL * width, _BINS_PER_PIXEL * height)
         right = all(shape[1] == n_keypoints for shape in found) and (found[0][2], found[1][2]) == bins
@@ -129,8 +139,8 @@ class SimccNetwork:
 
 def _normalised(
     crop: UInt8[np.ndarray, "crop_height crop_width 3"],
-) -> Float32[np.ndarray, "1 3 crop_height crop_width"]:
-    return np.ascontiguousarray(((crop - _MEAN) / _STANDARD_DEVIATION).transpose(2, 0, 1)[None])
+) -> Float32[np.ndarray, "3 crop_height crop_width"]:
+    return ((crop - _MEAN) / _STANDARD_DEVIATION).transpose(2, 0, 1)
 
 
 def _peak(
@@ -182,7 +192,7 @@ class RTMPose:
         return TopDownTracker(self._top_down, self._people, camera, self.skeleton.n_joints)
 
     def _people(self, image: Image, boxes: Boxes) -> People:
-        poses = [self._simcc.pose(image, box) for box in boxes]
+        poses = self._simcc.poses(image, boxes)
         shape = len(poses), self.skeleton.n_joints
         return People(
             boxes,

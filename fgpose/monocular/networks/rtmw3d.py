@@ -22,8 +22,8 @@ from fgpose.kinematics.proportions import FOREARM, SHANK, THIGH, TRUNK, UPPER_AR
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.networks.devices import Device
-from fgpose.monocular.networks.rtmpose import SimccNetwork
-from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
+from fgpose.monocular.networks.rtmpose import SimccNetwork, SimccPose
+from fgpose.monocular.networks.topdown import Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.networks.yolox import person_detector
 from fgpose.skeleton import LIMBS, Skeleton
 from fgpose_factors.robust_statistics import CAUCHY_SCALE
@@ -92,14 +92,13 @@ class RTMW3D:
         """For the images of one camera, whose size and intrinsics are those of the images."""
 
         def people(image: Image, boxes: Boxes) -> People:
-            poses = [self._pose(image, box, camera) for box in boxes]
+            poses = [self._absolute(pose, camera) for pose in self._simcc.poses(image, boxes)]
             return People.stacked(boxes, *zip(*poses, strict=True))
 
         return TopDownTracker(self._top_down, people, camera, self.skeleton.n_joints)
 
-    def _pose(self, image: Image, box: Box, camera: Camera) -> tuple[np.ndarray, np.ndarray, AbsolutePose]:
-        """points2d_px, confidence and absolute pose of the person in a box."""
-        pose = self._simcc.pose(image, box)
+    def _absolute(self, pose: SimccPose, camera: Camera) -> tuple[np.ndarray, np.ndarray, AbsolutePose]:
+        """points2d_px, confidence and absolute pose of a person."""
         points2d_px, confidence = pose.points2d_px[:_N_BODY], pose.confidence[:_N_BODY]
         if self._height_m is None:
             return points2d_px, confidence, AbsolutePose.missing(_N_BODY, "")

@@ -78,9 +78,11 @@ def _opened(path: Path, threads: int, providers: list[str]) -> InferenceSession:
     one_at_a_time = device_of(providers[0]) == "directml"
     options.enable_mem_pattern = not one_at_a_time
     options.log_severity_level = _FATAL  # what matters is raised; a library does not print
+    # OpenVINO does not look at the number of threads of the session, and takes all cores.
+    own = [{"num_of_threads": str(threads)} if device_of(each) == "openvino" else {} for each in providers]
     try:
         # Its own fallback prints, and hides on what a network runs.
-        session = onnxruntime.InferenceSession(path, options, providers=providers, enable_fallback=0)
+        session = onnxruntime.InferenceSession(path, options, providers, own, enable_fallback=0)
     except Exception as error:  # onnxruntime has one exception class per status code, with no common base
         reason = str(error).strip().splitlines()[0]
         where = "" if providers[0] == CPU else f" on {device_of(providers[0])}"

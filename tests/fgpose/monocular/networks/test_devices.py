@@ -45,13 +45,18 @@ class Pretended:
         """Rather than to go on with the providers that start."""
         self.asked: list[list[str]] = []
         """The providers of each session."""
+        self.told: list[list[dict[str, str]]] = []
+        """Their options."""
         self.within: Callable[[], object] = lambda: None
         """Called within each run."""
         pretended, real = self, onnxruntime.InferenceSession
 
         class Session(real):
-            def __init__(self, path: Path, options: Any, providers: list[str], **more: Any) -> None:
+            def __init__(
+                self, path: Path, options: Any, providers: list[str], own: list[dict[str, str]], **more: Any
+            ) -> None:
                 pretended.asked.append(providers)
+                pretended.told.append(own)
                 starts = pretended.has if pretended.starts is None else pretended.starts
                 self.started = [provider for provider in providers if provider in starts]
                 if pretended.raises and self.started != providers:
@@ -190,6 +195,13 @@ def test_tensorrt_that_leaves_everything_to_cuda_is_an_error(network: Path, pret
     pretended.has, pretended.starts = [TENSORRT, CUDA, CPU], {CUDA, CPU}
     with pytest.raises(ValueError, match=r"device tensorrt: .* would run .*sum\.onnx on cuda"):
         open_session(network, device="tensorrt")
+
+
+def test_each_device_keeps_to_the_threads(network: Path, pretended: Pretended) -> None:
+    pretended.has = [CUDA, OPENVINO, CPU]
+    for device in ("openvino", "cuda"):
+        assert open_session(network, 3, device).get_session_options().intra_op_num_threads == 3
+    assert pretended.told == [[{"num_of_threads": "3"}, {}], [{}, {}]]  # OpenVINO does not look at those of the session
 
 
 def test_detections_of_another_device_are_not_taken_from_the_cache(network: Path, pretended: Pretended) -> None:

@@ -47,7 +47,12 @@ def body(x_m: float, y_m: float, z_m: float) -> np.ndarray:
 
 
 def crop_model(
-    path: Path, points3d_m: np.ndarray, side: int = 256, channels_first: bool = False, dtype: Any = np.float32
+    path: Path,
+    points3d_m: np.ndarray,
+    side: int = 256,
+    channels_first: bool = False,
+    dtype: Any = np.float32,
+    batch: int | str = 1,
 ) -> Path:
     """Finds the joints by colour, and the two of a pair by their half of the crop: right and left are as in the crop.
 
@@ -63,19 +68,20 @@ def crop_model(
     half[:, 3::2, :, : side // 2] = 0
     half[:, 4::2, :, side // 2 :] = 0
     matched = graph.op("Mul", matched, graph.constant(half))
-    K = graph.op("Reshape", graph.op("Cast", "intrinsics", to=FLOAT), graph.integers(9))
+    K = graph.op("Reshape", graph.op("Cast", "intrinsics", to=FLOAT), graph.integers(-1, 9))
     rays = []
     for axis, focal, center in ((3, 0, 2), (2, 4, 5)):
-        focal, center = (graph.op("Gather", K, graph.integers(index)) for index in (focal, center))
+        focal, center = (graph.op("Gather", K, graph.integers(index), axis=1) for index in (focal, center))
         rays.append(graph.op("Div", graph.op("Sub", tiny.middle(graph, matched, axis, side), center), focal))
-    rays.append(graph.constant(np.ones((1, n))))
+    rays.append(graph.op("Add", graph.op("Mul", rays[0], graph.constant(0.0)), graph.constant(1.0)))
     rays = graph.op("Concat", *(graph.op("Unsqueeze", ray, graph.integers(2)) for ray in rays), axis=2)
     length = graph.op("ReduceL2", rays, axes=[2], keepdims=1)
     distance_mm = np.linalg.norm(points3d_m, axis=1)[None, :, None] * 1000
     graph.op("Div", graph.op("Mul", rays, graph.constant(distance_mm)), length, output="poses3d")
-    shape = [1, 3, side, side] if channels_first else [1, side, side, 3]
+    shape = [batch, 3, side, side] if channels_first else [batch, side, side, 3]
     kind = FLOAT16 if dtype == np.float16 else FLOAT
-    return graph.save(path, [("image", kind, shape), ("intrinsics", FLOAT, [1, 3, 3])], [("poses3d", FLOAT, [1, n, 3])])
+    inputs = [("image", kind, shape), ("intrinsics", FLOAT, [batch, 3, 3])]
+    return graph.save(path, inputs, [("poses3d", FLOAT, [batch, n, 3])])
 
 
 def picture(points3d_m: np.ndarray, camera: Camera = CAMERA) -> tuple[np.ndarray, np.ndarray]:

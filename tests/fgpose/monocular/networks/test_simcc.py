@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import topdown_networks as tiny
 from topdown_networks import FLOAT, JOINT_COLOURS, Graph
 
-from fgpose.monocular.networks.rtmpose import BoxCrop, SimccNetwork
+from fgpose.monocular.networks.rtmpose import BoxCrop, SimccNetwork, SimccPose
 
 AXES = ("simcc_x", "simcc_y")
 
@@ -26,13 +27,18 @@ def fixed(path: Path, bins: np.ndarray, peaks: np.ndarray, size: tuple[int, int]
     return SimccNetwork(graph.save(path, [("input", FLOAT, [1, 3, height, width])], outputs), axes)
 
 
+def pose_in(network: SimccNetwork, image: np.ndarray, box: Sequence[float]) -> SimccPose:
+    (pose,) = network.poses(image, np.array([[*box, 1.0]], dtype=float))
+    return pose
+
+
 def test_a_bin_is_half_a_pixel_of_the_crop(tmp_path: Path):
     bins = np.array([[0, 0], [192, 256], [383, 511], [100, 7]])
     network = fixed(tmp_path / "fixed.onnx", bins, np.full((4, 2), 0.7))
     assert network.size == (192, 256)
     assert network.n_keypoints == 4
     # A box of 96 x 256 enlarged by 1.25 is as high as the crop; its middle is (148, 178).
-    pose = network.pose(np.zeros((400, 400, 3), dtype=np.uint8), np.array([100.0, 50.0, 96.0, 256.0, 1.0]))
+    pose = pose_in(network, np.zeros((400, 400, 3), dtype=np.uint8), (100.0, 50.0, 96.0, 256.0))
     np.testing.assert_allclose(pose.points2d_px, (148, 178) + 1.25 * (bins / 2 - (96, 128)), rtol=1e-12)
     np.testing.assert_allclose(pose.confidence, 0.7, rtol=1e-6)
     assert np.isnan(pose.depth).all()
@@ -41,7 +47,7 @@ def test_a_bin_is_half_a_pixel_of_the_crop(tmp_path: Path):
 def test_confidence_is_the_lower_peak_between_0_and_1(tmp_path: Path):
     peaks = np.array([[0.4, 0.6], [0.6, 0.4], [1.3, 1.1], [0.5, -0.2], [0.0, 0.9]])
     network = fixed(tmp_path / "fixed.onnx", np.full((5, 2), 10), peaks)
-    pose = network.pose(np.zeros((400, 400, 3), dtype=np.uint8), np.array([0.0, 0.0, 96.0, 256.0, 1.0]))
+    pose = pose_in(network, np.zeros((400, 400, 3), dtype=np.uint8), (0.0, 0.0, 96.0, 256.0))
     np.testing.assert_allclose(pose.confidence, [0.4, 0.4, 1.0, 0.0, 0.0], rtol=1e-6)
     np.testing.assert_array_equal(np.isnan(pose.points2d_px).all(axis=1), [False, False, False, True, True])
 
@@ -49,9 +55,8 @@ def test_confidence_is_the_lower_peak_between_0_and_1(tmp_path: Path):
 def test_a_third_axis_is_depth_by_its_own_length(tmp_path: Path):
     bins = np.array([[0, 0, 0], [0, 0, 288], [0, 0, 432], [0, 0, 575]])
     peaks = np.array([[1, 1, 0.1], [1, 1, 0.9], [1, 1, 0.9], [1, -1, 0.9]])
-    pose = fixed(tmp_path / "fixed.onnx", bins, peaks).pose(
-        np.zeros((400, 400, 3), dtype=np.uint8), np.array([0.0, 0.0, 96.0, 256.0, 1.0])
-    )
+    network = fixed(tmp_path / "fixed.onnx", bins, peaks)
+    pose = pose_in(network, np.zeros((400, 400, 3), dtype=np.uint8), (0.0, 0.0, 96.0, 256.0))
     np.testing.assert_allclose(pose.depth, [-1, 0, 0.5, np.nan])
     np.testing.assert_allclose(pose.confidence, [1, 1, 1, 0])
 
@@ -65,7 +70,7 @@ def test_what_is_seen_in_the_crop_is_found_in_the_image(tmp_path: Path, box: tup
     scale = 1.25 * max(width / size[0], height / size[1])
     tiny.discs(image, points_px, JOINT_COLOURS[:3], 5 * scale)
     network = SimccNetwork(tiny.simcc(tmp_path / "simcc.onnx", size=size), AXES)
-    pose = network.pose(image, np.array([*box, 1.0], dtype=float))
+    pose = pose_in(network, image, box)
     # Bins are half a pixel of the crop apart, and the middle of a disc is found to another quarter.
     np.testing.assert_allclose(pose.points2d_px[:3], points_px, atol=0.5 * scale)
     np.testing.assert_allclose(pose.confidence[:3], 0.9, atol=2e-3)  # the bell's top lies up to half a bin beside one

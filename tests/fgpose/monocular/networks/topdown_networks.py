@@ -57,7 +57,7 @@ class Graph:
 
 
 def match(graph: Graph, image: str, colours: np.ndarray, tolerance: float) -> str:
-    """[1, 3, H, W] and (K, 3) -> [1, K, H, W]: 1 where a pixel has the colour, 0 from the tolerance on."""
+    """[N, 3, H, W] and (K, 3) -> [N, K, H, W]: 1 where a pixel has the colour, 0 from the tolerance on."""
     wanted = graph.constant(colours.reshape(1, -1, 3, 1, 1))
     apart = graph.op("Abs", graph.op("Sub", graph.op("Unsqueeze", image, graph.integers(1)), wanted))
     apart = graph.op("ReduceSum", apart, graph.integers(2), keepdims=0)
@@ -67,7 +67,7 @@ def match(graph: Graph, image: str, colours: np.ndarray, tolerance: float) -> st
 
 
 def middle(graph: Graph, matched: str, axis: int, length: int) -> str:
-    """[1, K, H, W] -> [1, K]: where along an axis the colour has its middle, in pixels; near 0 where it is nowhere."""
+    """[N, K, H, W] -> [N, K]: where along an axis the colour has its middle, in pixels; near 0 where it is nowhere."""
     places = graph.constant(np.arange(length).reshape((1, 1, length, 1) if axis == 2 else (1, 1, 1, length)))
     moment = graph.op("ReduceSum", graph.op("Mul", matched, places), graph.integers(2, 3), keepdims=0)
     mass = graph.op("ReduceSum", matched, graph.integers(2, 3), keepdims=0)
@@ -75,13 +75,20 @@ def middle(graph: Graph, matched: str, axis: int, length: int) -> str:
 
 
 def histogram(graph: Graph, matched: str, axis: int, length: int, heights: np.ndarray) -> str:
-    """[1, K, H, W] -> [1, K, 2 length]: a bell at the middle of the colour, with this height; 0 without it."""
+    """[N, K, H, W] -> [N, K, 2 length]: a bell at the middle of the colour, with this height; 0 without it."""
     there = graph.op("Mul", graph.op("ReduceMax", matched, axes=[2, 3], keepdims=0), graph.constant(heights[None]))
     center = graph.op("Unsqueeze", middle(graph, matched, axis, length), graph.integers(2))
     beside = graph.op("Sub", center, graph.constant(np.arange(2 * length)[None, None] / 2))
     beside = graph.op("Div", beside, graph.constant(6.0))
     bell = graph.op("Exp", graph.op("Neg", graph.op("Mul", beside, beside)))
     return graph.op("Mul", bell, graph.op("Unsqueeze", there, graph.integers(2)))
+
+
+def for_each(graph: Graph, image: str, value: np.ndarray) -> str:
+    """A constant (1, ...) of three axes -> [N, ...], once for each of N images."""
+    nothing = graph.op("ReduceSum", image, graph.integers(1, 2), keepdims=0)
+    nothing = graph.op("Mul", graph.op("ReduceSum", nothing, graph.integers(1), keepdims=1), graph.constant(0.0))
+    return graph.op("Add", graph.constant(value), graph.op("Unsqueeze", nothing, graph.integers(2)))
 
 
 def simcc(
@@ -101,12 +108,12 @@ def simcc(
     matched = match(graph, names[0], normalised, 0.2)
     peaks = np.broadcast_to(heights, n_colours).astype(np.float32)
     for name, axis, length in ((names[1], 3, width), (names[2], 2, height)):
-        rest = graph.constant(np.zeros((1, n_keypoints - n_colours, 2 * length)))
+        rest = for_each(graph, names[0], np.zeros((1, n_keypoints - n_colours, 2 * length)))
         graph.op("Concat", histogram(graph, matched, axis, length, peaks), rest, axis=1, output=name)
     lengths = zip(names[1:3], (2 * width, 2 * height), strict=True)
     outputs = [(name, FLOAT, [batch, n_keypoints, n]) for name, n in lengths]
     if depth_bins is not None:
-        graph.op("Identity", graph.constant(np.eye(576)[None, depth_bins]), output=names[3])
+        graph.op("Identity", for_each(graph, names[0], np.eye(576)[None, depth_bins]), output=names[3])
         outputs.append((names[3], FLOAT, [batch, n_keypoints, 576]))
     return graph.save(path, [(names[0], FLOAT, [batch, 3, height, width])], outputs)
 
