@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -62,7 +63,7 @@ def test_a_wide_table_has_a_row_for_each_frame(walk: Trajectory, angles: JointAn
 
 def test_angles_are_long_as_in_their_file(walk: Trajectory, angles: JointAngles, tmp_path: Path) -> None:
     fgpose.files.save_kinematics(walk, tmp_path / "angles.parquet", "z")
-    whole = pd.read_parquet(tmp_path / "angles.parquet")
+    whole: Any = pd.read_parquet(tmp_path / "angles.parquet")
     table = angles.to_pandas()
     assert list(table) == list(whole)
     of_angles = whole[whole.kind == "angle"].reset_index(drop=True)
@@ -84,10 +85,11 @@ def test_csv_reads_back_as_the_same_numbers(walk: Trajectory, angles: JointAngle
 
 
 def test_a_form_that_is_none_is_refused(walk: Trajectory) -> None:
-    from fgpose.io.trajectories.over_time import table_over_time
+    from fgpose.io.trajectories import over_time
 
+    unchecked: Any = over_time.table_over_time
     with pytest.raises(ValueError, match="a table is long or wide, not 'tall'"):
-        table_over_time.__wrapped__(walk, "tall")
+        unchecked.__wrapped__(walk, "tall")
 
 
 def test_what_is_not_installed_is_named(walk: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
