@@ -57,7 +57,7 @@ docs: $(STAMP)
 
 # The pictures of the concepts, from what fgpose gives now.
 pictures: $(STAMP)
-	for picture in graph occlusion clocks calibration uncertainty; do $(BIN)/python docs/pictures/$$picture.py || exit 1; done
+	for picture in graph occlusion clocks calibration uncertainty notebook; do $(BIN)/python docs/pictures/$$picture.py || exit 1; done
 
 # While working: `make test` without the slow tests, the network and the checks of shapes; the types of the library are
 # checked meanwhile.

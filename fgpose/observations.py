@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.sampling import mean_times_s
+from fgpose.sampling import TimeRange, mean_times_s
+from fgpose.shown import Shown
 from fgpose.skeleton import Skeleton
 
 # The rigs of this field are rooms: a median view farther than this from the person is a unit mistake, not a hall.
@@ -20,8 +21,8 @@ _LARGEST = 1e30
 _PER_DETECTION = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2")
 
 
-@dataclass(frozen=True, eq=False)
-class Observations:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observations(Shown):
     """Detected joints of one person in several cameras over time.
 
     Missing is NaN with confidence 0, always both. A camera may see nothing for a while, a joint may be seen by nobody.
@@ -49,6 +50,8 @@ class Observations:
     """What was changed or left out when they were read."""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.skeleton, Skeleton):
+            raise TypeError(f"skeleton must be a Skeleton, as fgpose.load_skeleton({self.skeleton!r}) gives one")
         points2d_px = np.array(self.points2d_px, dtype=float)
         if points2d_px.ndim != 4 or points2d_px.shape[3] != 2:
             raise ValueError(f"points2d_px must be (frames, cameras, joints, 2), got {points2d_px.shape}")
@@ -180,6 +183,10 @@ class Observations:
             **self.per_detection(lambda array: array[frames]),
         )
         return part
+
+    def crop(self, begin_s: float, end_s: float) -> Observations:
+        """The frames from one time to another, seconds, both included. Raises ValueError if there is none."""
+        return self.frames(TimeRange(begin_s, end_s).of(self.frame_time_s))
 
     def first_frames(self, n_frames: int) -> Observations:
         """The beginning. Raises ValueError when no frame is left."""

@@ -19,6 +19,7 @@ from fgpose.observations import (
     positive_definite,
     refuse_millimetres,
 )
+from fgpose.shown import Shown
 from fgpose.skeleton import Skeleton
 
 NOTHING = {"points2d_px": np.nan, "confidence": 0.0, "points3d_m": np.nan, "covariance3d_m2": np.nan}
@@ -138,8 +139,8 @@ class Detections:
         return shown
 
 
-@dataclass(frozen=True, eq=False)
-class PeopleObservations:
+@dataclass(frozen=True, eq=False, repr=False)
+class PeopleObservations(Shown):
     """A recording of any number of people: the images of all cameras, each at its own time.
 
     Raises:

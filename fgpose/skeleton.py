@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,11 +18,12 @@ LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
 """The four limb pairs of the paper's symmetry cost (eq. 4)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Skeleton:
     """The joints of a body and what is known of it before any measurement.
 
-    Joints are named; everything else refers to them by index. No length is part of a skeleton: lengths are estimated.
+    Joints are named; everything else refers to them by index, or by name when it is given: root="pelvis",
+    bones=[("pelvis", "neck")]. No length is part of a skeleton: lengths are estimated.
 
     Raises:
         ValueError: a name or an index is repeated, unknown or inconsistent; the message names it.
@@ -42,7 +44,26 @@ class Skeleton:
     """Pairs of joints joined when drawn although their distance varies (shoulder to hip)."""
     _mirror: dict[int, int] = field(init=False, repr=False, compare=False, default_factory=dict)
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        name: str,
+        joints: Sequence[str],
+        bones: Sequence[tuple[int | str, int | str]],
+        root: int | str | Sequence[int | str],
+        left_right: Sequence[tuple[int | str, int | str]] = (),
+        limbs: Sequence[tuple[int | str, int | str]] = (),
+        lines: Sequence[tuple[int | str, int | str]] = (),
+    ) -> None:
+        given = {"bones": bones, "left_right": left_right, "limbs": limbs, "lines": lines}
+        for field_name, value in {"name": name, "joints": tuple(joints), "_mirror": {}}.items():
+            object.__setattr__(self, field_name, value)
+        self._check_names()
+        object.__setattr__(self, "root", self._indices((root,) if isinstance(root, int | str) else root))
+        for what, pairs in given.items():
+            object.__setattr__(self, what, tuple(self._indices(pair) for pair in pairs))
+        self._check()
+
+    def _check_names(self) -> None:
         if len(self.joints) > MAX_JOINTS:
             raise ValueError(f"skeleton {self.name}: {len(self.joints)} joints, at most {MAX_JOINTS} are possible")
         for joint in self.joints:
@@ -54,6 +75,8 @@ class Skeleton:
         if len(set(self.joints)) != len(self.joints):
             repeated = sorted({joint for joint in self.joints if self.joints.count(joint) > 1})
             raise ValueError(f"skeleton {self.name}: joint names must differ, repeated: {', '.join(repeated)}")
+
+    def _check(self) -> None:
         if not self.joints or not self.root:
             raise ValueError(f"skeleton {self.name}: at least one joint and a root are needed")
         for what in ("bones", "left_right", "limbs", "lines"):
@@ -70,6 +93,9 @@ class Skeleton:
                 raise ValueError(f"skeleton {self.name}: limb {self.bone_name(limb)} or its mirror image is not a bone")
             if frozenset(limb) == frozenset(self.mirrored(limb)):
                 raise ValueError(f"skeleton {self.name}: limb {self.bone_name(limb)} is its own mirror image")
+
+    def _indices(self, joints: Iterable[int | str]) -> tuple[int, ...]:
+        return tuple(self.index(joint) if isinstance(joint, str) else joint for joint in joints)
 
     def _check_pairs(self, what: str) -> None:
         pairs = getattr(self, what)

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import overload
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
+from fgpose.sampling import TimeRange
+from fgpose.shown import Motion, Shown
 from fgpose.skeleton import Skeleton
 
 
@@ -84,8 +87,8 @@ class BoneLengths:
         return BoneLengths(lengths_m, np.where(known, self.sigma_m, others.sigma_m))
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Motion):
     """The joints of one person over time. What cannot be estimated is NaN, with its status.
 
     Raises:
@@ -168,9 +171,67 @@ class Trajectory:
             implausible_frames=tuple(t for t, estimate in enumerate(frames) if estimate.is_implausible),
         )
 
-    def __getitem__(self, joint: str) -> Float[np.ndarray, "frame 3"]:
-        """Positions of a joint by name, metres. Raises ValueError for an unknown name."""
-        return self.positions_m[:, self.skeleton.index(joint)]
+    @staticmethod
+    def concatenate(parts: Sequence[Trajectory]) -> Trajectory:
+        """Trajectories one after the other as one. What only some of them have (covariances, residuals, bone lengths
+        that differ, the configuration) is left out.
+
+        Raises:
+            ValueError: there is none, their skeletons or cameras differ, or one does not begin after the one before.
+        """
+        if not parts:
+            raise ValueError("there is no trajectory to be concatenated")
+        first, time_s = parts[0], np.concatenate([part.time_s for part in parts])
+        for name in ("skeleton", "camera_names"):
+            for number, part in enumerate(parts):
+                if getattr(part, name) != getattr(first, name):
+                    raise ValueError(f"trajectories 0 and {number} have another {name}: they cannot be concatenated")
+        backward = np.flatnonzero(np.diff(time_s) <= 0)
+        if backward.size:
+            at = backward[0]
+            raise ValueError(f"time must increase: a frame at {time_s[at + 1]:.6g} s follows one at {time_s[at]:.6g} s")
+
+        def joined(name: str) -> np.ndarray | None:
+            arrays = [getattr(part, name) for part in parts]
+            return None if any(array is None for array in arrays) else np.concatenate(arrays)
+
+        begins = np.cumsum([0, *(part.n_frames for part in parts)]).tolist()
+        ends = [part.convergence for part in parts if part.convergence is not None]
+        known_m = [part.bone_lengths_m for part in parts if part.bone_lengths_m is not None]
+        alike = len(known_m) == len(parts) and all(np.array_equal(each, known_m[0], equal_nan=True) for each in known_m)
+        return replace(
+            first,
+            time_s=time_s,
+            **{name: joined(name) for name in ("positions_m", "status", "covariance_m2", "residual_px", "visibility")},
+            bone_lengths_m=first.bone_lengths_m if alike else None,
+            convergence=Convergence.worst(ends) if len(ends) == len(parts) else None,
+            config=first.config if all(part.config == first.config for part in parts) else None,
+            implausible_frames=tuple(
+                begin + frame for begin, part in zip(begins, parts, strict=False) for frame in part.implausible_frames
+            ),
+        )
+
+    @overload
+    def __getitem__(self, wanted: str) -> Float[np.ndarray, "frame 3"]: ...
+
+    @overload
+    def __getitem__(self, wanted: list[str] | tuple[str, ...]) -> Float[np.ndarray, "frame joint 3"]: ...
+
+    @overload
+    def __getitem__(self, wanted: slice) -> Trajectory: ...
+
+    def __getitem__(self, wanted: str | list[str] | tuple[str, ...] | slice) -> np.ndarray | Trajectory:
+        """Positions of a joint by name, (T, 3), or of several, (T, joints, 3), metres; or some of the frames, as
+        trajectory[100:200]. Raises ValueError for an unknown name."""
+        if isinstance(wanted, slice):
+            return self.frames(wanted)
+        if isinstance(wanted, str):
+            return self.positions_m[:, self.skeleton.index(wanted)]
+        return self.positions_m[:, [self.skeleton.index(joint) for joint in wanted]]
+
+    def crop(self, begin_s: float, end_s: float) -> Trajectory:
+        """The frames from one time to another, seconds, both included. Raises ValueError if there is none."""
+        return self.frames(TimeRange(begin_s, end_s).of(self.time_s))
 
     def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> Trajectory:
         """Some of the frames, as a trajectory of its own, in which they are counted from 0."""
@@ -234,8 +295,8 @@ class Trajectory:
         return float(np.mean(self.status == status))
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Shown):
     """The joints of one person at one time, as the online estimator gives them."""
 
     skeleton: Skeleton

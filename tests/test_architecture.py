@@ -27,7 +27,7 @@ FLOORS = (
     {"robot"},
     {"live", "study"},
     {"pipeline"},
-    {"overlay", "report"},
+    {"overlay", "report", "notebook"},
     {"diagnosis"},
     {"tracking"},
     {"calibration"},
@@ -52,7 +52,10 @@ FLOORS = (
         "skeleton",
         "trajectory",
     },
+    {"shown"},
 )
+# What a user holds shows itself: the one module asks for the others, when a method is called.
+DOORS = {"fgpose.shown": {"fgpose.notebook", "fgpose.geometry.camera"}}
 # The same within the largest room.
 ESTIMATION_FLOORS = (
     {"smoother", "estimates", "estimator", "refinement", "residuals"},
@@ -81,6 +84,8 @@ ALLOWED = {
     **dict.fromkeys(("distributed", "dask"), CLUSTER),
     "bokeh": {"fgpose.report"},
     "jinja2": {"fgpose.report"},
+    "pandas": {"fgpose.notebook", "fgpose.shown"},
+    "matplotlib": {"fgpose.notebook", "fgpose_benchmarks"},
     **dict.fromkeys(("pylsl", "mcap", "rosbags"), MESSAGES),
     "zmq": {"fgpose.live", "fgpose.robot.distance_server"},
     "msgpack": {"fgpose.io.live.packing"},
@@ -107,7 +112,8 @@ def syntax_trees() -> dict[str, ast.Module]:
 @functools.cache
 def imports() -> dict[str, set[str]]:
     """Dotted names that each module imports."""
-    return {name: imports_of(tree) for name, tree in syntax_trees().items()}
+    found = {name: imports_of(tree) for name, tree in syntax_trees().items()}
+    return {name: {each for each in names if not within(each, DOORS.get(name, set()))} for name, names in found.items()}
 
 
 @functools.cache
@@ -182,6 +188,15 @@ def test_arrows_only_point_down(house: str, floors: tuple[set[str], ...]) -> Non
     assert not [f"{name} -> {imported}" for name, imported in arrows if climbs(name, imported, house, floors)]
 
 
+@pytest.mark.parametrize("door", DOORS)
+def test_what_lies_behind_a_door_is_imported_when_it_is_needed(door: str) -> None:
+    tree = syntax_trees()[door]
+    assert within_any(imports_of(tree), DOORS[door])
+    # What is under a condition is for type checkers.
+    at_once = ast.Module([node for node in tree.body if not isinstance(node, ast.ClassDef | ast.If)], [])
+    assert not within_any(imports_of(at_once), DOORS[door])
+
+
 @HOUSES
 def test_every_module_has_its_floor(house: str, floors: tuple[set[str], ...]) -> None:
     inside = {name for name in syntax_trees() if name.startswith(f"{house}.") and name != "fgpose.__main__"}
@@ -237,6 +252,9 @@ def test_importing_fgpose_stays_light() -> None:
         "dask",
         "bokeh",
         "jinja2",
+        "pandas",
+        "matplotlib",
+        "fgpose.notebook",
     )
     command = f"import sys, fgpose; print(*[name for name in {heavy} if name in sys.modules])"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "factors")))}

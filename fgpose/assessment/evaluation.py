@@ -19,6 +19,7 @@ from fgpose.assessment.metrics import (
     pck,
     share_missing,
 )
+from fgpose.shown import Shown
 from fgpose.trajectory import Trajectory
 
 # The usual threshold of 3D PCK (MPI-INF-3DHP).
@@ -38,8 +39,8 @@ class JointScore:
     share_missing: float
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(Shown):
     """How far an estimate is from a reference, over the joints and frames that both have (fgpose.assessment.metrics).
 
     NaN: cannot be computed, as relative errors without a root or jitter of fewer than four frames.

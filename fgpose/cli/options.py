@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fgpose.calibration.moved_views import Recording
     from fgpose.pipeline import AnySource, Outputs, Source
 
-Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
+Format = Literal["parquet", "npz", "csv", "trc", "c3d", "rrd"]
 
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _KEYPOINTS = (
@@ -135,7 +135,8 @@ class OutputOptions:
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the input)")] = None
     """Name of the result files, without extension."""
     formats: tuple[Format, ...] = ("parquet", "trc", "rrd")
-    """What to write: parquet and npz keep everything, trc (OpenSim) and c3d keep positions, rrd is for the viewer."""
+    """What to write: parquet and npz keep everything, csv has the table of parquet for spreadsheets, trc (OpenSim) and
+    c3d keep positions, rrd is for the viewer."""
     rrd_fps: Annotated[
         float | None, arg(metavar="HZ", help_behavior_hint="(default: all, of a long recording 20,000 frames)")
     ] = None

@@ -26,6 +26,7 @@ from fgpose.estimation.visibility.running_visibility import Filtered, RunningVis
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
+from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import Observations
 from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import Skeleton
@@ -53,11 +54,12 @@ class Estimator:
     def __init__(
         self,
         rig: CameraRig,
-        skeleton: Skeleton,
+        skeleton: Skeleton | str,
         config: Config | None = None,
         offsets: RunningOffsets | None = None,
     ) -> None:
         refuse_changing(rig)
+        skeleton = as_skeleton(skeleton)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         # The time of a frame is by the mean clock, as in the batch (by_mean_clock): only what leaves has the true time.
         self._late_s, self._rig = rig.common_offset_s, rig.without_common_offset()

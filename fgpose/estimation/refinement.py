@@ -12,6 +12,7 @@ from fgpose.config import Config, MotionConfig, ProjectionConfig, SymmetryConfig
 from fgpose.estimation.evidence.delays import of_one_moment
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.optimum import optimum
@@ -41,7 +42,9 @@ def refine(
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
+        TypeError: the observations are of several people, or the arguments are exchanged.
     """
+    check_inputs("refine", observations, rig)
     config = config or Config()
     observations, rig = of_one_moment(observations, rig)
     return refine_evidence(gather(observations, rig, config), observations.skeleton, rig, config, progress)

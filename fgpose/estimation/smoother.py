@@ -17,6 +17,7 @@ from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swin
 from fgpose.estimation.evidence.delays import image_motion_px, motion_m, of_one_moment
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
@@ -77,11 +78,13 @@ def smooth(
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ, or a window that was kept is damaged.
+        TypeError: the observations are of several people, or the arguments are exchanged.
         OSError: a window cannot be kept.
 
     Warns:
         UserWarning: a window did not converge within solver.max_iterations; or windows were there already.
     """
+    check_inputs("smooth", observations, rig)
     config = config or Config()
     observations, rig = of_one_moment(observations, rig)
     evidence = gather(observations, rig, config)

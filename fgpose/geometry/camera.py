@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 from fgpose.geometry.lens import LensModel, check_lens, with_distortion, without_distortion
 from fgpose.geometry.rigid import check_pose, inverse, pose_of
 from fgpose.plain_files import naming
+from fgpose.shown import Shown
 
 REFERENCE_FOCAL_PX = 1145.0
 """Of the cameras of Human3.6M. Parameters in pixels are those of an image with this focal length."""
@@ -172,8 +173,8 @@ def _normalized(
     return in_camera_m[..., :2] / depth_m, depth_m
 
 
-@dataclass(frozen=True, eq=False)
-class CameraRig:
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraRig(Shown):
     """Several calibrated cameras in one world frame, in the order of every array's camera axis.
 
     Raises:
@@ -243,8 +244,7 @@ class CameraRig:
 
     def with_time_offsets(self, offsets_s: Float[np.ndarray, " camera"]) -> CameraRig:
         """The same cameras with other time offsets."""
-        offsets = np.asarray(offsets_s, dtype=float).tolist()
-        pairs = zip(self.cameras, offsets, strict=True)
+        pairs = zip(self.cameras, np.asarray(offsets_s, dtype=float).tolist(), strict=True)
         return CameraRig(tuple(replace(camera, time_offset_s=offset_s) for camera, offset_s in pairs))
 
     def with_starts(self, starts_s: Float[np.ndarray, " camera"]) -> CameraRig:

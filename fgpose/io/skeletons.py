@@ -39,6 +39,11 @@ def load_skeleton(name_or_path: str | Path) -> Skeleton:
         return _parse(parse_toml(content.decode("utf-8")))
 
 
+def as_skeleton(skeleton: Skeleton | str | Path) -> Skeleton:
+    """A skeleton itself, or that of a name or a file, as load_skeleton."""
+    return skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
+
+
 def _builtin(name: str) -> str:
     """The one that is called so, but for case and separators, or that alone begins so."""
     wanted, plain = _plain(name), {_plain(own): own for own in builtin_skeletons()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -180,6 +181,49 @@ def write_row_groups(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) 
             for table in tables:
                 writer.write_table(table)
         n_bytes = stream.tell()
+
+
+def write_csv(path: Path, tables: Iterable[pa.Table]) -> None:
+    """Replace a file by a table as CSV in UTF-8, part by part, whole or not at all: a line of names, cells that are
+    empty where they are null, numbers as short as they read back the same. What would be a formula is written as
+    as_cell does.
+
+    Args:
+        path: the file.
+        tables: with the same columns, one at least.
+
+    Raises:
+        OSError: the file cannot be written; the message names it.
+    """
+    import pyarrow.csv
+
+    csv: Any = pyarrow.csv  # whose stubs do not know its writer
+    parts = map(_as_cells, tables)
+    first = next(parts)
+    n_bytes = 0
+
+    def check(written: Path) -> None:
+        has_size(n_bytes)(written)
+
+    with replacing(path, check) as temporary, temporary.open("wb") as stream:
+        options = csv.WriteOptions(quoting_style="needed")
+        with csv.CSVWriter(stream, first.schema, write_options=options) as writer:
+            for table in chain([first], parts):
+                writer.write_table(table)
+        n_bytes = stream.tell()
+
+
+def _as_cells(table: pa.Table) -> pa.Table:
+    """With names as cells, and texts in place of their numbers."""
+    import pyarrow as pa
+
+    table = table.rename_columns([as_cell(name) for name in table.column_names]).combine_chunks()
+    for n, field in enumerate(table.schema):
+        if pa.types.is_dictionary(field.type):
+            (column,) = table[n].chunks or [pa.array([], field.type)]
+            texts = pa.array([as_cell(text) for text in column.dictionary.to_pylist()], pa.string())
+            table = table.set_column(n, field.name, texts.take(column.indices))
+    return table
 
 
 def as_cell(name: str) -> str:

@@ -13,12 +13,13 @@ from fgpose.kinematics import definitions
 from fgpose.kinematics.definitions import angles_of
 from fgpose.kinematics.landmarks import landmarks, points_of
 from fgpose.kinematics.propagation import mean_squares_rad2
+from fgpose.shown import OverTime
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
 
-@dataclass(frozen=True, eq=False)
-class JointAngles:
+@dataclass(frozen=True, eq=False, repr=False)
+class JointAngles(OverTime):
     """Joint angles over time, see definitions.py for what each is.
 
     Raises:

@@ -33,7 +33,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 from fgpose.viewer import Recording, open_recording
 
-Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
+Format = Literal["parquet", "npz", "csv", "trc", "c3d", "rrd"]
 Display = Callable[[Result, Recording], None]
 # Of one person in four cameras, with three results to compare, they take 170 MB.
 _MOST_SHOWN = 20_000

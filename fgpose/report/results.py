@@ -19,7 +19,7 @@ from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, lo
 from fgpose.io.made_by import made_by
 from fgpose.io.names import not_hidden
 from fgpose.io.origin import InputFile, Origin
-from fgpose.io.trajectories import EXTENSIONS, load_origin, load_upright
+from fgpose.io.trajectories import READABLE, load_origin, load_upright
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
 from fgpose.report.sections.origin import facts_of, findings_of, without_home
@@ -60,7 +60,7 @@ def _results(folder: Path) -> dict[str, Path]:
     """The most important trajectories of each run, by its name. Where fgpose track has left its own beside those of
     another command, both have names of their own."""
     files: dict[str, Path] = {}
-    for extension in EXTENSIONS:
+    for extension in READABLE:
         for file in not_hidden(folder.glob(f"*{extension}")):
             files.setdefault(_without_person(file.stem), file)
     of_runs: dict[str, dict[str, Path]] = {}

@@ -13,7 +13,7 @@ from fgpose.plain_files import naming, read_settings
 from fgpose.study.pattern import Pattern
 
 Calibrate = Literal["given", "refine", "refine-poses", "refine-clocks", "people"]
-Format = Literal["trc", "c3d", "mot", "bvh", "npz"]
+Format = Literal["trc", "c3d", "mot", "bvh", "npz", "csv"]
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,8 @@ class StudySteps:
     report: bool = False
     """A page (HTML) of each recording, about 1 MB; `fgpose report` makes those that are missing."""
     formats: tuple[Format, ...] = ("trc",)
-    """Written beside the parquet files: trc and mot for OpenSim, bvh for Blender, c3d with segment rotations."""
+    """Written beside the parquet files: trc and mot for OpenSim, bvh for Blender, c3d with segment rotations, csv for
+    spreadsheets."""
     synchronise: bool = False
     """The cameras were started by hand: when each began is found in every recording, from the motion. Where people
     calibrate the cameras it is always."""

@@ -10,14 +10,16 @@ from fgpose.association.common_clock import on_common_clock
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
 from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import PeopleObservations
+from fgpose.shown import Shown
 from fgpose.trajectory import Trajectory
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedPeople:
+@dataclass(frozen=True, eq=False, repr=False)
+class SmoothedPeople(Shown):
     """The motion of everybody."""
 
     trajectories: Mapping[int, Trajectory]
@@ -49,10 +51,12 @@ def smooth_people(
 
     Raises:
         ValueError: a camera of the observations is not in the rig.
+        TypeError: the observations are of one person, or the arguments are exchanged.
 
     Warns:
         UserWarning: as fgpose.smooth.
     """
+    check_inputs("smooth_people", observations, rig, PeopleObservations)
     config = config or Config()
     if association is None:
         on_time = on_common_clock(observations, rig.subset(observations.camera_names))

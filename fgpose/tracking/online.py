@@ -12,6 +12,7 @@ from fgpose.config import Config
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.tracker_memory import TrackerMemory
+from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import refuse_millimetres
 from fgpose.people_observations import NOTHING, Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
@@ -38,7 +39,7 @@ class Tracker:
     together tells how late each camera is (offsets).
 
     Args:
-        rig, skeleton: of the images.
+        rig, skeleton: of the images; a skeleton may be given by its name.
         config: None: the default.
         answers_within_s: a process that does not is replaced, as one that has ended is, and one that is stopped at
             once. By default a minute: no busy machine takes so long.
@@ -48,12 +49,13 @@ class Tracker:
     def __init__(
         self,
         rig: CameraRig,
-        skeleton: Skeleton,
+        skeleton: Skeleton | str,
         config: Config | None = None,
         *,
         answers_within_s: float = ANSWERS_WITHIN_S,
         memory: TrackerMemory | None = None,
     ) -> None:
+        skeleton = as_skeleton(skeleton)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._follower = Follower(rig, skeleton, self.config.tracking)
         self._estimators = ParallelEstimators(rig, skeleton, self.config, answers_within_s)

@@ -228,3 +228,16 @@ def test_the_mirror_is_its_own_inverse(builtin: Skeleton) -> None:
 
 def test_without_sides_every_joint_is_its_own_mirror_image() -> None:
     np.testing.assert_array_equal(Skeleton("points", ("a", "b", "c"), (), (0,)).mirror, [0, 1, 2])
+
+
+def test_joints_may_be_given_by_name() -> None:
+    joints, sides = ("hip", "left_knee", "right_knee"), [("left_knee", "right_knee")]
+    named = Skeleton("legs", joints, [("hip", "left_knee"), ("hip", 2)], root="hip", left_right=sides)
+    assert named == Skeleton("legs", joints, ((0, 1), (0, 2)), (0,), ((1, 2),))
+    assert Skeleton("legs", joints, (), ["left_knee", "right_knee"]).root == (1, 2)
+    assert Skeleton("legs", joints, (), 1).root == (1,)
+    assert hash(named) == hash(Skeleton("legs", joints, named.bones, 0, named.left_right))
+    with pytest.raises(ValueError, match=r"skeleton legs has no joint 'hpi' \(did you mean hip\?\)"):
+        Skeleton("legs", joints, (), root="hpi")
+    with pytest.raises(ValueError, match="skeleton legs has no joint 'knee'"):
+        Skeleton("legs", joints, [("hip", "knee")], root="hip")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,64 @@ def test_a_result_cannot_be_changed(parts: dict[str, Any]) -> None:
     estimate = Estimate(parts["skeleton"], 0, 0.0, np.zeros((parts["skeleton"].n_joints, 3)), np.zeros(3))
     with pytest.raises(ValueError, match="read-only"):
         estimate.positions_m[0] = 1
+
+
+def test_some_frames_by_slice_and_by_time(parts: dict[str, Any], skeleton: Skeleton) -> None:
+    positions_m = np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)
+    trajectory = Trajectory(**{**parts, "positions_m": positions_m}, implausible_frames=(2,))
+    np.testing.assert_array_equal(trajectory[1:3].positions_m, positions_m[1:3])
+    np.testing.assert_array_equal(trajectory[::2].time_s, [0, 2 / 50])
+    cropped = trajectory.crop(1 / 50, 2 / 50)
+    np.testing.assert_array_equal(cropped.time_s, [1 / 50, 2 / 50])
+    assert cropped.implausible_frames == (1,)
+    with pytest.raises(ValueError, match=r"no frame is from 2 s to 5 s: there are frames from 0 s to 0\.06 s"):
+        trajectory.crop(2.0, 5.0)
+    with pytest.raises(ValueError, match="there is nothing from 5 s to 2 s"):
+        trajectory.crop(5.0, 2.0)
+
+
+def test_several_joints_by_name(parts: dict[str, Any], skeleton: Skeleton) -> None:
+    positions_m = np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)
+    trajectory = Trajectory(**{**parts, "positions_m": positions_m})
+    both = trajectory[["left_wrist", "left_elbow"]]
+    assert both.shape == (FRAMES, 2, 3)
+    np.testing.assert_array_equal(both[:, 0], trajectory["left_wrist"])
+    np.testing.assert_array_equal(both[:, 1], trajectory["left_elbow"])
+    with pytest.raises(ValueError, match="no joint 'left_wirst'"):
+        trajectory[["left_elbow", "left_wirst"]]
+
+
+def test_parts_become_the_whole_again(parts: dict[str, Any], skeleton: Skeleton) -> None:
+    whole = Trajectory(
+        **{**parts, "positions_m": np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)},
+        covariance_m2=np.ones((FRAMES, 17, 3, 3)),
+        residual_px=np.arange(FRAMES * 34, dtype=float).reshape(FRAMES, 2, 17),
+        bone_lengths_m=np.full(skeleton.n_lengths, np.nan),
+        convergence=Convergence(True, 3, 2.0, 1.0),
+        implausible_frames=(0, 3),
+        config=Config(),
+    )
+    again = Trajectory.concatenate([whole[:1], whole[1:3], whole[3:]])
+    for name in ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "bone_lengths_m"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
+    assert (again.implausible_frames, again.visibility, again.config) == ((0, 3), None, Config())
+    assert again.convergence == Convergence(True, 3, 6.0, 3.0)
+
+
+def test_what_parts_do_not_share_is_left_out_or_refused(parts: dict[str, Any], skeleton: Skeleton) -> None:
+    first = Trajectory(**parts, covariance_m2=np.ones((FRAMES, 17, 3, 3)), bone_lengths_m=np.ones(skeleton.n_lengths))
+    later = replace(first, time_s=first.time_s + 1)
+    other = replace(later, covariance_m2=None, bone_lengths_m=np.full(skeleton.n_lengths, 2.0))
+    joined = Trajectory.concatenate([first, other])
+    assert (joined.n_frames, joined.covariance_m2, joined.bone_lengths_m) == (2 * FRAMES, None, None)
+    for wrong, message in (
+        ([], "there is no trajectory"),
+        ([later, first], r"time must increase: a frame at 0 s follows one at 1\.06 s"),
+        ([first, replace(later, camera_names=("a", "c"))], "trajectories 0 and 1 have another camera_names"),
+        ([first, replace(later, skeleton=replace(skeleton, name="b"))], "trajectories 0 and 1 have another skeleton"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Trajectory.concatenate(wrong)
 
 
 def estimate(skeleton: Skeleton, frame: int, **parts: Any) -> Estimate:

@@ -28,10 +28,10 @@ class Angles:
     rotation to the left. A straight knee or elbow has flexion 0; the shoulder's plane of elevation is 0 in abduction
     and 90 in forward flexion. Where joints do not determine an angle (hip rotation of a straight leg), there is a gap.
 
-    Each -o FILE is written as its extension says: .parquet has angles, speeds and heights with their standard
+    Each -o FILE is written as its extension says: .parquet and .csv have angles, speeds and heights with their standard
     deviations, one row for each; .mot has the coordinates of OpenSim; .bvh is for Blender; .c3d has the rotations of
     the segments beside the points. Of several people, each has files of its own (walk_person1.mot), but all are in one
-    .parquet.
+    table.
 
     Example: fgpose angles out/walk.parquet -o walk.mot -o walk.bvh
     """
@@ -39,7 +39,7 @@ class Angles:
     file: Positional[Path]
     """A result, or any trajectory file: parquet, npz, TRC, C3D."""
     output: Annotated[UseAppendAction[tuple[Path, ...]], arg(metavar="FILE", aliases=("-o",))] = ()
-    """File to be written: .parquet, .mot, .bvh or .c3d. May be given several times."""
+    """File to be written: .parquet, .csv, .mot, .bvh or .c3d. May be given several times."""
     world_up: UpChoice = "auto"
     """What is up in the world of the file: +x, -x, +y, -y, +z or -z; auto: as its format says, unless people (and
     cameras, which a parquet of fgpose knows) stand otherwise."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from jaxtyping import Float
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.child_process import run_program
@@ -73,13 +72,14 @@ class View:
         from fgpose.io.calibration import load_rig
         from fgpose.io.trajectories import load_upright
         from fgpose.pipeline import Outputs
+        from fgpose.viewer.onlooker import with_rig
 
         given = load_rig(self.rig) if self.rig is not None else None
         people, up_R_world = load_upright(self.file, self.world_up, given)
         with naming(self.file):
             people = _between(people, wanted)
         skeleton = next(iter(people.values())).skeleton
-        rig, people = _with_rig(given.turned(up_R_world) if given is not None else None, people)
+        rig, people = with_rig(given.turned(up_R_world) if given is not None else None, people)
         outputs = Outputs(folder, self.file.stem, ("rrd",), "z")
         time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
         alone = (self.file.stem,) if len(people) == 1 else None
@@ -118,28 +118,6 @@ def _between(people: dict[int, Trajectory], wanted: TimeRange) -> dict[int, Traj
     wanted.of(np.unique(np.concatenate([each.time_s for each in people.values()])))
     there = {n: wanted.contains(each.time_s) for n, each in people.items()}
     return {n: each.frames(there[n]) for n, each in people.items() if there[n].any()}
-
-
-def _with_rig(rig: CameraRig | None, people: dict[int, Trajectory]) -> tuple[CameraRig, dict[int, Trajectory]]:
-    """The cameras that the trajectories know, or one that looks at the people where no calibration is given."""
-    if rig is None:
-        unseen = {n: replace(each, residual_px=None, visibility=None, camera_names=()) for n, each in people.items()}
-        return onlooker(np.concatenate([each.positions_m for each in people.values()])), unseen
-    names = next(iter(people.values())).camera_names
-    return (rig.subset(names) if names and names != rig.names else rig), people
-
-
-def onlooker(positions_m: Float[np.ndarray, "frame joint 3"]) -> CameraRig:
-    """A camera that looks at these joints from the side. The viewer needs one, and no calibration was given."""
-    from fgpose.geometry.camera import Camera, CameraRig
-
-    known = positions_m[np.isfinite(positions_m).all(axis=-1)]
-    target_m = np.median(known, axis=0) if len(known) else np.zeros(3)
-    K = np.array([[1000.0, 0.0, 500.0], [0.0, 1000.0, 500.0], [0.0, 0.0, 1.0]])
-    world_T_camera = np.eye(4)
-    world_T_camera[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    world_T_camera[:3, 3] = target_m - [0.0, 4.0, 0.0]
-    return CameraRig((Camera("no calibration", (1000, 1000), K, world_T_camera, np.zeros(0)),))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from fgpose.assessment.metrics import mean_known
 from fgpose.config import Config, DepthConfig, FusionConfig
+from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.noise import surely_positive
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
@@ -44,7 +45,9 @@ def fuse(observations: Observations, rig: CameraRig, config: Config | None = Non
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
+        TypeError: the observations are of several people, or the arguments are exchanged.
     """
+    check_inputs("fuse", observations, rig)
     config = config or Config()
     observations.check_cameras(rig.names)
     undistorted_px = rig.undistort(observations.points2d_px)

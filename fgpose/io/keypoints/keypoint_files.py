@@ -19,7 +19,7 @@ from fgpose.io.keypoints.detections import CameraDetections
 from fgpose.io.keypoints.scores import as_confidences, without_zeros
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
 from fgpose.io.names import match_cameras
-from fgpose.io.skeletons import load_skeleton
+from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
@@ -122,7 +122,7 @@ def _read(
     ignore_other_cameras: bool,
 ) -> Observations | PeopleObservations:
     """Everybody, or the one person whom save_observations wrote."""
-    skeleton = skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
+    skeleton = as_skeleton(skeleton)
     _check_options(path, fps, points3d_frame, points3d_unit)
     if (other := recognised(KeypointFormat, path)) is not None:
         return other.read(path, rig, skeleton)

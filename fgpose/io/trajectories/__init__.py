@@ -1,5 +1,6 @@
 """Result files of one person or several: written and read whatever the format; joint angles of the motion."""
 
+from fgpose.io.trajectories.loading import READABLE as READABLE
 from fgpose.io.trajectories.loading import load_origin as load_origin
 from fgpose.io.trajectories.loading import load_people_trajectories as load_people_trajectories
 from fgpose.io.trajectories.loading import load_trajectory as load_trajectory

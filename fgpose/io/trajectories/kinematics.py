@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
 from fgpose.io.atomic import check_replaceable, write_text
 from fgpose.io.names import own_paths
-from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_table
+from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_csv, write_table
 from fgpose.io.trajectories.bvh import write_bvh
 from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
 from fgpose.io.trajectories.upright import resolved_up
@@ -25,11 +25,14 @@ from fgpose.plain_files import naming
 from fgpose.sampling import nearest
 from fgpose.trajectory import Trajectory
 
-EXTENSIONS = (".parquet", ".mot", ".bvh", ".c3d")
+EXTENSIONS = (".parquet", ".csv", ".mot", ".bvh", ".c3d")
 """What save_kinematics writes."""
 UNITS = {"angle": "deg", "speed": "m/s", "height": "m"}
 """Unit of value and sigma by kind of quantity."""
+_TABLES = (".parquet", ".csv")
 _UNITS_KEY = "fgpose.units"
+_Quantities = tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], Float[np.ndarray, "frame quantity"]]
+"""Kinds, names, values and standard deviations."""
 _COLUMNS = ("time_s", "frame", "person", "kind", "name", "value", "sigma", "unit")
 
 
@@ -55,16 +58,16 @@ def save_kinematics(
 ) -> tuple[Path, ...]:
     """Write what follows from trajectories in the format that the extension names.
 
-    .parquet: one row per person, frame and quantity, with columns time_s, frame, person, kind (angle, speed, height),
-    name (left_knee_flexion; the joint, or centre), value, sigma and unit. Joint angles are in degrees, speeds in m/s,
-    heights in metres above the world's origin; sigma is null where it is unknown, as it is of speeds.
+    .parquet, .csv: one row per person, frame and quantity, with columns time_s, frame, person, kind (angle, speed,
+    height), name (left_knee_flexion; the joint, or centre), value, sigma and unit. Joint angles are in degrees, speeds
+    in m/s, heights in metres above the world's origin; sigma is null where it is unknown, as it is of speeds.
     .mot: coordinates of OpenSim (kinematics/opensim.py).
     .bvh: segment rotations for animation programs (write_bvh).
     .c3d: the points, and the rotations of the segments beside them (write_c3d).
 
     Args:
         people: by number, or one.
-        path: the file; of several people the formats other than .parquet have one each, NAME_person1.mot.
+        path: the file; of several people the formats other than tables have one each, NAME_person1.mot.
         world_up: what is up in the trajectories' world; auto: as the bodies stand, see find_up.
 
     Warns:
@@ -88,8 +91,8 @@ def save_kinematics(
 
 
 def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> tuple[Path, ...]:
-    if path.suffix.lower() == ".parquet":
-        _write_parquet(people, path, world_up)
+    if path.suffix.lower() in _TABLES:
+        _write_table(people, path, world_up)
         return (path,)
     paths = own_paths(path, people)
     for own_path, trajectory in zip(paths, people.values(), strict=True):
@@ -107,7 +110,7 @@ def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp) -> None:
             write_c3d(trajectory, path, world_up, segment_poses(trajectory, world_up))
 
 
-def _write_parquet(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> None:
+def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> None:
     import pyarrow as pa
 
     time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
@@ -115,19 +118,35 @@ def _write_parquet(people: Mapping[int, Trajectory], path: Path, world_up: World
         _table(trajectory, person, nearest(trajectory.time_s, time_s), world_up)
         for person, trajectory in people.items()
     ]
+    if path.suffix.lower() == ".csv":
+        write_csv(path, tables)
+        return
     table = pa.concat_tables(tables).unify_dictionaries().combine_chunks()
     write_table(path, table.replace_schema_metadata({_UNITS_KEY: json.dumps(UNITS)}))
 
 
+def angles_table(angles: JointAngles) -> pa.Table:
+    """The rows of joint angles alone, of one person, as in the tables of save_kinematics."""
+    frame = np.arange(len(angles.time_s))
+    kinds = ["angle"] * len(angles.names)
+    return _rows(angles.time_s, frame, 0, (kinds, [*angles.names], angles.angle_deg, angles.sigma_deg))
+
+
 def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"], world_up: WorldUp) -> pa.Table:
+    return _rows(trajectory.time_s, frame, person, _quantities(trajectory, world_up))
+
+
+def _rows(
+    time_s: Float[np.ndarray, " frame"], frame: Int[np.ndarray, " frame"], person: int, quantities: _Quantities
+) -> pa.Table:
     import pyarrow as pa
 
-    kinds, labels, value, sigma = _quantities(trajectory, world_up)
+    kinds, labels, value, sigma = quantities
     n_frames, n_quantities = value.shape
     index = np.tile(np.arange(n_quantities, dtype=np.int32), n_frames)
     texts = {"kind": kinds, "name": labels, "unit": [UNITS[kind] for kind in kinds]}
     columns = {
-        "time_s": pa.array(np.repeat(np.asarray(trajectory.time_s, dtype=float), n_quantities)),
+        "time_s": pa.array(np.repeat(np.asarray(time_s, dtype=float), n_quantities)),
         "frame": pa.array(np.repeat(frame.astype(np.int32), n_quantities)),
         "person": pa.array(np.full(n_frames * n_quantities, person, dtype=np.int32)),
     }
@@ -136,10 +155,8 @@ def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"]
     return pa.table({name: columns[name] for name in _COLUMNS})
 
 
-def _quantities(
-    trajectory: Trajectory, world_up: WorldUp
-) -> tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], Float[np.ndarray, "frame quantity"]]:
-    """Kinds, names, values and standard deviations of everything that stands in the table."""
+def _quantities(trajectory: Trajectory, world_up: WorldUp) -> _Quantities:
+    """Everything that stands in the table."""
     angles, joints = joint_angles(trajectory, world_up), trajectory.skeleton.joints
     positions_m, up = trajectory.positions_m, up_vector(world_up)
     points_m = np.concatenate([positions_m, centre_m(positions_m, trajectory.skeleton)[:, None]], axis=1)

@@ -13,6 +13,7 @@ from fgpose.geometry.up_axis import UpAxis, UpChoice, WorldUp, from_z_up, z_up, 
 from fgpose.io.content import first_bytes
 from fgpose.io.formats import trajectory_formats
 from fgpose.io.origin import Origin
+from fgpose.io.skeletons import as_skeleton
 from fgpose.io.trajectories.c3d import read_c3d
 from fgpose.io.trajectories.npz import read_npz
 from fgpose.io.trajectories.parquet import read_origin, read_parquet
@@ -25,14 +26,18 @@ from fgpose.trajectory import Status, Trajectory
 
 
 def load_trajectory(
-    path: str | Path, skeleton: Skeleton | None = None, world_up: WorldUp = "z", file_up: UpChoice | WorldUp = "auto"
+    path: str | Path,
+    skeleton: Skeleton | str | None = None,
+    world_up: WorldUp = "z",
+    file_up: UpChoice | WorldUp = "auto",
 ) -> Trajectory:
     """Read a trajectory that save_trajectory wrote, or anyone's TRC or C3D file; the content says which.
 
     Args:
         path: the file.
-        skeleton: wanted joints and their order, by name. Joints that the file lacks are NaN and unobservable; the
-            file's others are left out. By default the file's own: of TRC and C3D its markers, without bones.
+        skeleton: wanted joints and their order, by name, or the name of a skeleton. Joints that the file lacks are NaN
+            and unobservable; the file's others are left out. By default the file's own: of TRC and C3D its markers,
+            without bones.
         world_up: what is up in the world wanted, for TRC and C3D.
         file_up: what is up in the file, for TRC and C3D. auto: as its format says (y in TRC; what Y_SCREEN says in C3D,
             else z), unless the body stands along another axis.
@@ -56,21 +61,24 @@ def load_trajectory(
 
 
 def load_people_trajectories(
-    path: str | Path, skeleton: Skeleton | None = None, world_up: WorldUp = "z", file_up: UpChoice | WorldUp = "auto"
+    path: str | Path,
+    skeleton: Skeleton | str | None = None,
+    world_up: WorldUp = "z",
+    file_up: UpChoice | WorldUp = "auto",
 ) -> dict[int, Trajectory]:
     """Read everybody in a table of save_people, by number, in the order of the file; or a file of one person.
 
     Who is alone in a file is person 0 if it does not say. Arguments and errors as of load_trajectory.
     """
-    path = Path(path)
+    path, wanted = Path(path), None if skeleton is None else as_skeleton(skeleton)
     kind = _kind(path)
     with naming(path, f"not a readable {kind} trajectory"):
         people = _read(path, kind, world_up, file_up)
         for trajectory in people.values():
             _check(trajectory)
-        if skeleton is None:
+        if wanted is None:
             return people
-        return {person: _in_order_of(skeleton, trajectory) for person, trajectory in people.items()}
+        return {person: _in_order_of(wanted, trajectory) for person, trajectory in people.items()}
 
 
 def load_origin(path: str | Path) -> Origin | None:
@@ -117,6 +125,8 @@ def load_upright(
     return {person: each.turned(rotation) for person, each in people.items()}, rotation
 
 
+READABLE = (".parquet", ".npz", ".trc", ".c3d")
+"""Extensions of what fgpose writes that load_trajectory reads, those that keep most first."""
 _MARKER_FILES = ("TRC", "C3D")
 
 

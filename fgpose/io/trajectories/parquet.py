@@ -2,40 +2,35 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from fgpose.io.origin import Origin, origin_from_json, origin_to_json
 from fgpose.io.tables import (
-    COVARIANCE_COLUMNS,
     file_metadata,
     metadata,
     names,
-    nullable,
     numbers,
     read_table,
     symmetric,
     write_row_groups,
 )
 from fgpose.io.trajectories.description import describe, described, status_named
-from fgpose.trajectory import Status, Trajectory
+from fgpose.io.trajectories.result_table import AXES, PER_CAMERA, result_tables
+from fgpose.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_AXES = "xyz"
 _PREFIX = "fgpose."
 _ORIGIN = "origin"
 _HAS_COVARIANCE = "has_covariance"
-_FRAMES_AT_ONCE = 5000  # in a group of rows: 30 MB
 _MAX_PERSON = 1_000_000_000
-_PER_CAMERA = ("residual_px", "visibility")  # fields with one column for each camera: residual_px_<camera>
 
 
 def write_parquet(
@@ -64,40 +59,15 @@ def write_parquet(
         ValueError: people differ in skeleton or cameras, or some have a covariance, residuals or visibility only.
         OSError: the file cannot be written.
     """
-    _check_alike(people)
     texts = {
         person: describe(trajectory) | {_HAS_COVARIANCE: str(trajectory.covariance_m2 is not None).lower()}
         for person, trajectory in people.items()
     }
     known = _joined(texts) | ({} if origin is None else {_ORIGIN: origin_to_json(origin, path.parent)})
-    tables = _tables(people, frames)
+    tables = result_tables(people, frames)
     first = next(tables)
     schema = first.schema.with_metadata({_PREFIX + name: text for name, text in known.items()})
     write_row_groups(path, schema, (each.replace_schema_metadata(schema.metadata) for each in chain([first], tables)))
-
-
-def _tables(people: Mapping[int, Trajectory], frames: Mapping[int, Int[np.ndarray, " frame"]]) -> Iterator[pa.Table]:
-    """Of some frames each; one at least."""
-    import pyarrow as pa
-
-    for person, trajectory in people.items():
-        for start in range(0, max(trajectory.n_frames, 1), _FRAMES_AT_ONCE):
-            part = slice(start, start + _FRAMES_AT_ONCE)
-            yield pa.table(_columns(trajectory.frames(part), person, frames[person][part]))
-
-
-def _check_alike(people: Mapping[int, Trajectory]) -> None:
-    """Raise ValueError unless all rows can have the same columns and the same joints."""
-    first, one = next(iter(people.items()))
-    for person, other in people.items():
-        different = [name for name in ("skeleton", "camera_names") if getattr(one, name) != getattr(other, name)]
-        if different:
-            raise ValueError(
-                f"people {first} and {person} differ in their {different[0]}; they need files of their own"
-            )
-        for name in ("covariance_m2", *_PER_CAMERA):
-            if (getattr(one, name) is None) != (getattr(other, name) is None):
-                raise ValueError(f"only one of people {first} and {person} has {name}; they need files of their own")
 
 
 def _joined(texts: Mapping[int, dict[str, str]]) -> dict[str, str]:
@@ -114,57 +84,6 @@ def _own(texts: Mapping[str, str], person: int) -> dict[str, str]:
     """The texts of one person from what _joined wrote."""
     parts = {name: name.partition(".")[::2] for name in texts}
     return {name: texts[key] for key, (name, whose) in parts.items() if whose in ("", str(person))}
-
-
-def _columns(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"]) -> dict[str, pa.Array]:
-    import pyarrow as pa
-
-    n_frames, n_joints = trajectory.n_frames, trajectory.skeleton.n_joints
-    joint = np.tile(np.arange(n_joints, dtype=np.int32), n_frames)
-    columns = {
-        "time_s": pa.array(np.repeat(np.asarray(trajectory.time_s, dtype=float), n_joints)),
-        "frame": pa.array(np.repeat(frame.astype(np.int32), n_joints)),
-        "person": pa.array(np.full(n_frames * n_joints, person, dtype=np.int32)),
-        "joint": pa.DictionaryArray.from_arrays(joint, list(trajectory.skeleton.joints)),
-    }
-    columns |= {f"{_AXES[axis]}_m": _flat(trajectory.positions_m[..., axis]) for axis in range(3)}
-    unknown = np.full((n_frames, n_joints), np.nan)
-    for name, (row, column) in COVARIANCE_COLUMNS.items():
-        covariance_m2 = trajectory.covariance_m2
-        columns[name] = _flat(unknown if covariance_m2 is None else covariance_m2[..., row, column])
-    columns |= _residual_columns(trajectory)
-    for field in _PER_CAMERA:
-        values = getattr(trajectory, field)
-        if values is not None:
-            cameras = enumerate(trajectory.camera_names)
-            columns |= {f"{field}_{name}": _flat(values[:, camera]) for camera, name in cameras}
-    status = np.asarray(trajectory.status, dtype=np.int8).ravel()
-    names = [name.lower() for name in Status.__members__]
-    return columns | {"status": pa.DictionaryArray.from_arrays(status, names)}
-
-
-def _residual_columns(trajectory: Trajectory) -> dict[str, pa.Array]:
-    import pyarrow as pa
-
-    residual_px = trajectory.residual_px
-    if residual_px is None:
-        nothing = np.full((trajectory.n_frames, trajectory.skeleton.n_joints), np.nan)
-        return {"n_views": _flat(nothing).cast(pa.int32()), "reprojection_px": _flat(nothing)}
-    return {
-        "n_views": pa.array(np.isfinite(residual_px).sum(axis=1, dtype=np.int32).ravel()),
-        "reprojection_px": _flat(_median_over_cameras(residual_px)),
-    }
-
-
-def _median_over_cameras(residual_px: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, "frame joint"]:
-    with warnings.catch_warnings():
-        # The median of nothing is NaN, as it should be, with a warning.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return np.nanmedian(residual_px, axis=1)
-
-
-def _flat(values: Float[np.ndarray, "frame joint"]) -> pa.Array:
-    return nullable(np.asarray(values, dtype=float).ravel())
 
 
 def read_parquet(path: Path) -> dict[int, Trajectory]:
@@ -226,7 +145,7 @@ def _trajectory(table: pa.Table, texts: dict[str, str]) -> Trajectory:
     def column(name: str) -> np.ndarray:
         return numbers(table, name).reshape(n_frames, len(joints))
 
-    for field in _PER_CAMERA:
+    for field in PER_CAMERA:
         cameras = [f"{field}_{name}" for name in values["camera_names"]]
         if cameras and set(cameras) <= set(table.column_names):
             values[field] = np.stack([column(name) for name in cameras], axis=1)
@@ -236,7 +155,7 @@ def _trajectory(table: pa.Table, texts: dict[str, str]) -> Trajectory:
     meaning = np.array([status_named(name) for name in status_names], dtype=int)
     return Trajectory(
         time_s=column("time_s")[:, 0],
-        positions_m=np.stack([column(f"{axis}_m") for axis in _AXES], axis=-1),
+        positions_m=np.stack([column(f"{axis}_m") for axis in AXES], axis=-1),
         status=meaning[status].reshape(n_frames, len(joints)),
         **values,
     )

@@ -13,17 +13,21 @@ from fgpose.io.atomic import check_replaceable, replacing
 from fgpose.io.formats import trajectory_formats
 from fgpose.io.names import own_paths
 from fgpose.io.origin import Origin
+from fgpose.io.tables import write_csv
 from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
 from fgpose.io.trajectories.npz import write_npz
 from fgpose.io.trajectories.parquet import write_parquet
+from fgpose.io.trajectories.result_table import result_tables
 from fgpose.io.trajectories.trc import write_trc
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.plain_files import naming
 from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.trajectory import Trajectory
 
-EXTENSIONS = (".parquet", ".npz", ".trc", ".c3d")
+EXTENSIONS = (".parquet", ".npz", ".csv", ".trc", ".c3d")
 """What save_trajectory writes, those that keep most first. Other packages may add formats (fgpose.io.formats)."""
+_TABLES = (".parquet", ".csv")
+"""Those that hold several people."""
 
 
 def check_output(path: str | Path) -> None:
@@ -42,10 +46,11 @@ def check_output(path: str | Path) -> None:
 def save_trajectory(
     trajectory: Trajectory, path: str | Path, world_up: UpChoice | WorldUp = "auto", origin: Origin | None = None
 ) -> None:
-    """Write a trajectory in the format that the extension names: .parquet, .npz, .trc or .c3d.
+    """Write a trajectory in the format that the extension names: .parquet, .npz, .csv, .trc or .c3d.
 
-    Parquet and npz keep everything; TRC and C3D keep positions alone (see write_parquet, write_npz, write_trc,
-    write_c3d). The file appears whole or not at all; a missing folder is made.
+    Parquet and npz keep everything; CSV has the table of parquet, without what it says of skeleton and origin, and is
+    not read; TRC and C3D keep positions alone (see write_parquet, write_npz, write_trc, write_c3d). The file appears
+    whole or not at all; a missing folder is made.
 
     Args:
         world_up: what is up in the trajectory's world, for TRC (which has y up) and C3D: an axis, or a direction.
@@ -73,6 +78,9 @@ def _write(
     extension, made_by = _extension(path), "" if origin is None else origin.step
     if extension == ".parquet":
         write_parquet(people, frames, path, origin)
+        return (path,)
+    if extension == ".csv":
+        write_csv(path, result_tables(people, frames))
         return (path,)
     up = resolved_up(people.values(), world_up, path, origin and origin.rig) if extension in (".trc", ".c3d") else "z"
     paths = people_paths(path, people)
@@ -106,8 +114,8 @@ def save_people(
     time_s: Float[np.ndarray, " frame"] | None = None,
     origin: Origin | None = None,
 ) -> tuple[Path, ...]:
-    """Write the trajectories of people as save_trajectory that of one: one table as .parquet; .npz, .trc or .c3d for
-    each, NAME_person1.trc, where there are several.
+    """Write the trajectories of people as save_trajectory that of one: one table as .parquet or .csv; a .npz, .trc or
+    .c3d for each, NAME_person1.trc, where there are several.
 
     The table is that of one person (write_parquet), with the number of each in the column person. Frame numbers are
     those of the recording: the place of a time among all times.
@@ -133,7 +141,7 @@ def save_people(
         raise ValueError(
             f"{path}: people with numbers from 0 are needed, got {', '.join(map(str, trajectories)) or 'nobody'}"
         )
-    if _extension(path) != ".parquet":
+    if _extension(path) not in _TABLES:
         check_output(path)
         return _write(trajectories, {}, path, world_up, origin)
     with naming(path):
@@ -141,14 +149,14 @@ def save_people(
 
 
 def people_paths(path: str | Path, people: Collection[int] = ()) -> tuple[Path, ...]:
-    """The files that save_people writes: a .parquet itself, whoever is in it; of the other formats one for each person,
+    """The files that save_people writes: a table itself, whoever is in it; of the other formats one for each person,
     named after its number where there are several.
 
     Raises:
         ValueError: the extension is none of EXTENSIONS.
     """
     path = Path(path)
-    return (path,) if _extension(path) == ".parquet" else own_paths(path, people)
+    return (path,) if _extension(path) in _TABLES else own_paths(path, people)
 
 
 def _frame_numbers(

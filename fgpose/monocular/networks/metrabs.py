@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from fgpose.geometry.camera import Camera
-from fgpose.io.skeletons import load_skeleton
+from fgpose.io.skeletons import as_skeleton
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.networks.batches import Batches
@@ -104,7 +104,7 @@ class MeTRAbs:
         """
         if num_aug < 1:
             raise ValueError(f"num_aug must be at least 1, got {num_aug}")
-        self.skeleton = skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
+        self.skeleton = as_skeleton(skeleton)
         self._model = _CropModel(landmarks, self.skeleton, threads, device)
         self._augmentations, self._world_up = augmentations(num_aug), world_up
         self._mirrored = [self.skeleton.mirrored((joint, joint))[0] for joint in range(self.skeleton.n_joints)]

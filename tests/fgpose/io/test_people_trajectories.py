@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 
 import numpy as np
@@ -128,6 +129,21 @@ def test_whoever_is_alone_has_a_file_of_that_name(people, tmp_path, extension):
     path = tmp_path / f"walk{extension}"
     assert save_people({2: people[2]}, path) == (path,) == people_paths(path, [2])
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_everybody_is_in_one_table_as_csv(people, tmp_path):
+    """The same cells as in parquet; a joint whose name is a formula is none."""
+    evil = dataclasses.replace(STICK, joints=("=1+1", *STICK.joints[1:]))
+    named = {person: dataclasses.replace(each, skeleton=evil) for person, each in people.items()}
+    for extension in (".csv", ".parquet"):
+        assert save_people(named, tmp_path / f"result{extension}") == (tmp_path / f"result{extension}",)
+    table = pq.read_table(tmp_path / "result.parquet")
+    with (tmp_path / "result.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["joint"] for row in rows] == [name.replace("=1+1", "'=1+1") for name in table["joint"].to_pylist()]
+    for name in ("person", "x_m", "cov_xz_m2"):
+        assert [float(row[name]) if row[name] else None for row in rows] == table[name].to_pylist()
+    assert {row["status"] for row in rows} == set(table["status"].to_pylist())
 
 
 def test_a_table_of_several_is_no_single_trajectory(people, tmp_path):

@@ -191,10 +191,12 @@ def test_a_folder_is_made_and_one_that_cannot_be_is_named(bare, tmp_path):
             attempt(tmp_path / "file" / "result.npz")
 
 
-@pytest.mark.parametrize("name", ["result.csv", "result"])
+@pytest.mark.parametrize("name", ["result.xlsx", "result"])
 def test_an_unknown_extension_is_refused(bare, tmp_path, name):
     for attempt in (check_output, lambda path: save_trajectory(bare, path)):
-        with pytest.raises(ValueError, match=rf"{name}: a trajectory is written as \.parquet, \.npz, \.trc, \.c3d"):
+        with pytest.raises(
+            ValueError, match=rf"{name}: a trajectory is written as \.parquet, \.npz, \.csv, \.trc, \.c3d"
+        ):
             attempt(tmp_path / name)
 
 

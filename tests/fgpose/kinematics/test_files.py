@@ -212,8 +212,10 @@ def test_people_have_files_of_their_own(walk: Trajectory, tmp_path: Path) -> Non
 
 
 def test_an_extension_is_refused_before_any_work(walk: Trajectory, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"walk\.csv: kinematics are written as \.parquet, \.mot, \.bvh, \.c3d"):
-        save_kinematics(walk, tmp_path / "walk.csv")
+    with pytest.raises(
+        ValueError, match=r"walk\.xlsx: kinematics are written as \.parquet, \.csv, \.mot, \.bvh, \.c3d"
+    ):
+        save_kinematics(walk, tmp_path / "walk.xlsx")
 
 
 def test_the_command_prints_ranges_and_writes(

@@ -1,0 +1,64 @@
+"""What is known over time as a table: of trajectories and of joint angles, long and wide."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from fgpose.io.tables import nullable
+from fgpose.io.trajectories.kinematics import angles_table
+from fgpose.io.trajectories.result_table import AXES, result_tables
+from fgpose.kinematics.angles import JointAngles
+from fgpose.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def table_over_time(shown: Trajectory | JointAngles, form: Literal["long", "wide"]) -> pa.Table:
+    """One row for each frame and joint or angle, as in the files of fgpose (long), or one row for each frame (wide).
+
+    Raises:
+        ValueError: the form is another.
+    """
+    match form:
+        case "long":
+            return angles_table(shown) if isinstance(shown, JointAngles) else _long(shown)
+        case "wide":
+            return _wide(shown)
+    raise ValueError(f"a table is long or wide, not {form!r}")
+
+
+def _long(trajectory: Trajectory) -> pa.Table:
+    import pyarrow as pa
+
+    tables = result_tables({0: trajectory}, {0: np.arange(trajectory.n_frames)})
+    return pa.concat_tables(tables).unify_dictionaries()
+
+
+def _wide(shown: Trajectory | JointAngles) -> pa.Table:
+    import pyarrow as pa
+
+    time_s = np.asarray(shown.time_s, dtype=float)
+    columns = {"frame": pa.array(np.arange(len(time_s), dtype=np.int32)), "time_s": pa.array(time_s)}
+    values = _of_angles(shown) if isinstance(shown, JointAngles) else _of_joints(shown)
+    return pa.table(columns | {name: nullable(column) for name, column in values.items()})
+
+
+def _of_joints(trajectory: Trajectory) -> dict[str, np.ndarray]:
+    columns = {}
+    for joint, name in enumerate(trajectory.skeleton.joints):
+        columns |= {f"{name}_{each}_m": trajectory.positions_m[:, joint, axis] for axis, each in enumerate(AXES)}
+        if trajectory.covariance_m2 is not None:
+            sigma_m = np.sqrt(np.diagonal(trajectory.covariance_m2[:, joint], axis1=1, axis2=2))
+            columns |= {f"{name}_sigma_{each}_m": sigma_m[:, axis] for axis, each in enumerate(AXES)}
+    return columns
+
+
+def _of_angles(angles: JointAngles) -> dict[str, np.ndarray]:
+    columns = {}
+    for index, name in enumerate(angles.names):
+        columns[f"{name}_deg"] = angles.angle_deg[:, index]
+        columns[f"{name}_sigma_deg"] = angles.sigma_deg[:, index]
+    return columns

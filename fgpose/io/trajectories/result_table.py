@@ -1,0 +1,108 @@
+"""The table of a result, whatever file it goes to: one row for each person, frame and joint."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fgpose.io.tables import COVARIANCE_COLUMNS, nullable
+from fgpose.trajectory import Status, Trajectory
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+AXES = "xyz"
+PER_CAMERA = ("residual_px", "visibility")
+"""Fields with one column for each camera: residual_px_<camera>."""
+_FRAMES_AT_ONCE = 5000  # in a group of rows: 30 MB
+
+
+def result_tables(
+    people: Mapping[int, Trajectory], frames: Mapping[int, Int[np.ndarray, " frame"]]
+) -> Iterator[pa.Table]:
+    """The rows of some frames each, one table at least: person by person, joints in the order of the skeleton in each
+    frame. What is not known is null.
+
+    Args:
+        people: by number, one at least.
+        frames: the numbers of each one's frames.
+
+    Raises:
+        ValueError: people differ in skeleton or cameras, or some have a covariance, residuals or visibility only.
+    """
+    import pyarrow as pa
+
+    _check_alike(people)
+    for person, trajectory in people.items():
+        for start in range(0, max(trajectory.n_frames, 1), _FRAMES_AT_ONCE):
+            part = slice(start, start + _FRAMES_AT_ONCE)
+            yield pa.table(_columns(trajectory.frames(part), person, frames[person][part]))
+
+
+def _check_alike(people: Mapping[int, Trajectory]) -> None:
+    """Raise ValueError unless all rows can have the same columns and the same joints."""
+    first, one = next(iter(people.items()))
+    for person, other in people.items():
+        different = [name for name in ("skeleton", "camera_names") if getattr(one, name) != getattr(other, name)]
+        if different:
+            raise ValueError(
+                f"people {first} and {person} differ in their {different[0]}; they need files of their own"
+            )
+        for name in ("covariance_m2", *PER_CAMERA):
+            if (getattr(one, name) is None) != (getattr(other, name) is None):
+                raise ValueError(f"only one of people {first} and {person} has {name}; they need files of their own")
+
+
+def _columns(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"]) -> dict[str, pa.Array]:
+    import pyarrow as pa
+
+    n_frames, n_joints = trajectory.n_frames, trajectory.skeleton.n_joints
+    joint = np.tile(np.arange(n_joints, dtype=np.int32), n_frames)
+    columns = {
+        "time_s": pa.array(np.repeat(np.asarray(trajectory.time_s, dtype=float), n_joints)),
+        "frame": pa.array(np.repeat(frame.astype(np.int32), n_joints)),
+        "person": pa.array(np.full(n_frames * n_joints, person, dtype=np.int32)),
+        "joint": pa.DictionaryArray.from_arrays(joint, list(trajectory.skeleton.joints)),
+    }
+    columns |= {f"{AXES[axis]}_m": _flat(trajectory.positions_m[..., axis]) for axis in range(3)}
+    unknown = np.full((n_frames, n_joints), np.nan)
+    for name, (row, column) in COVARIANCE_COLUMNS.items():
+        covariance_m2 = trajectory.covariance_m2
+        columns[name] = _flat(unknown if covariance_m2 is None else covariance_m2[..., row, column])
+    columns |= _residual_columns(trajectory)
+    for field in PER_CAMERA:
+        values = getattr(trajectory, field)
+        if values is not None:
+            cameras = enumerate(trajectory.camera_names)
+            columns |= {f"{field}_{name}": _flat(values[:, camera]) for camera, name in cameras}
+    status = np.asarray(trajectory.status, dtype=np.int8).ravel()
+    names = [name.lower() for name in Status.__members__]
+    return columns | {"status": pa.DictionaryArray.from_arrays(status, names)}
+
+
+def _residual_columns(trajectory: Trajectory) -> dict[str, pa.Array]:
+    import pyarrow as pa
+
+    residual_px = trajectory.residual_px
+    if residual_px is None:
+        nothing = np.full((trajectory.n_frames, trajectory.skeleton.n_joints), np.nan)
+        return {"n_views": _flat(nothing).cast(pa.int32()), "reprojection_px": _flat(nothing)}
+    return {
+        "n_views": pa.array(np.isfinite(residual_px).sum(axis=1, dtype=np.int32).ravel()),
+        "reprojection_px": _flat(_median_over_cameras(residual_px)),
+    }
+
+
+def _median_over_cameras(residual_px: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, "frame joint"]:
+    with warnings.catch_warnings():
+        # The median of nothing is NaN, as it should be, with a warning.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmedian(residual_px, axis=1)
+
+
+def _flat(values: Float[np.ndarray, "frame joint"]) -> pa.Array:
+    return nullable(np.asarray(values, dtype=float).ravel())

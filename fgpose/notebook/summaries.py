@@ -1,0 +1,209 @@
+"""The summary of each kind of thing that shows itself."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.assessment.evaluation import Evaluation
+from fgpose.geometry.camera import CameraRig
+from fgpose.kinematics.angles import JointAngles
+from fgpose.notebook.picture import strip
+from fgpose.notebook.summary import Summary, counted, listed, percent
+from fgpose.observations import Observations
+from fgpose.people_observations import PeopleObservations
+from fgpose.sampling import frames_per_second
+from fgpose.tracking.batch import SmoothedPeople
+from fgpose.trajectory import Estimate, Status, Trajectory
+
+
+@singledispatch
+def summary(shown: object) -> Summary:
+    """Of a thing that shows itself."""
+    raise TypeError(f"{type(shown).__name__} does not show itself")
+
+
+@summary.register
+def _(trajectory: Trajectory) -> Summary:
+    shares = {status: trajectory.status_share(status) for status in reversed(Status)} if trajectory.n_frames else {}
+    facts = {"": ", ".join(f"{percent(share)} {status.name.lower()}" for status, share in shares.items() if share > 0)}
+    facts["sigma"] = _median(_sigmas_mm(trajectory), "mm")
+    facts["reprojection error"] = _median(trajectory.residual_px, "px")
+    facts["cameras"] = listed(trajectory.camera_names)
+    if trajectory.convergence is not None:
+        ended = "converged" if trajectory.convergence.converged else "not converged"
+        facts["optimiser"] = f"{ended} after {counted(trajectory.convergence.iterations, 'iteration')}"
+    if trajectory.implausible_frames:
+        facts["left out"] = counted(len(trajectory.implausible_frames), "implausible frame")
+    title = f"Trajectory: {_span(trajectory.time_s)}, {_skeleton(trajectory)}"
+    return Summary(title, _known(facts), picture=strip(trajectory))
+
+
+@summary.register
+def _(estimate: Estimate) -> Summary:
+    observed = percent(float(np.mean(estimate.status == Status.OBSERVED)))
+    sigma_mm = None if estimate.covariance_m2 is None else _sigma_mm(estimate.covariance_m2)
+    lagged = "" if estimate.smoothed is None else f"of {estimate.smoothed.time_s:.3f} s"
+    facts = {"": f"{observed} observed", "sigma": _median(sigma_mm, "mm"), "smoothed": lagged}
+    title = f"Estimate: frame {estimate.frame} at {estimate.time_s:.3f} s, {_skeleton(estimate)}"
+    return Summary(title, _known(facts))
+
+
+@summary.register
+def _(observations: Observations) -> Summary:
+    seen = observations.seen
+    n_views = seen.sum(axis=1).mean()
+    facts = {
+        "": f"{percent(float(seen.mean()))} of the joints detected, by {n_views:.1f} cameras on average",
+        "confidence": _median(np.where(seen, observations.confidence, np.nan), ""),
+        "per-view 3D": "" if observations.points3d_m is None else "yes",
+        "clocks": "one for each camera" if observations.time_s.ndim == 2 else "",
+        "remarks": str(len(observations.remarks) or ""),
+    }
+    rows = []
+    for camera, name in enumerate(observations.camera_names):
+        confidence = observations.confidence[:, camera][seen[:, camera]]
+        frames = percent(float(seen[:, camera].any(axis=1).mean()))
+        cells = frames, percent(float(seen[:, camera].mean())), _median(confidence, "")
+        rows.append((name, *cells))
+    title = f"Observations: {_span(observations.frame_time_s)}, {counted(observations.n_cameras, 'camera')}"
+    return Summary(
+        f"{title}, {_skeleton(observations)}", _known(facts), ("camera", "frames", "joints", "confidence"), rows
+    )
+
+
+@summary.register
+def _(observations: PeopleObservations) -> Summary:
+    n_people = [image.n_people for image in observations.images]
+    most, mean = max(n_people, default=0), float(np.mean(n_people)) if n_people else 0.0
+    rows = []
+    for name, images in observations.by_camera.items():
+        own = [image.n_people for image in images]
+        rows.append((name, f"{len(own):,}", str(max(own, default=0)), f"{np.mean(own):.2f}" if own else "-"))
+    facts = {
+        "": f"{mean:.1f} people in an image on average, {most} at most",
+        "cameras": listed(observations.camera_names),
+        "remarks": str(len(observations.remarks) or ""),
+    }
+    title = f"PeopleObservations: {_span(observations.frame_time_s)}, {counted(len(n_people), 'image')}"
+    columns = ("camera", "images", "most people", "mean")
+    return Summary(f"{title}, {_skeleton(observations)}", _known(facts), columns, rows)
+
+
+@summary.register
+def _(rig: CameraRig) -> Summary:
+    rows = []
+    for camera, focal_px in zip(rig.cameras, rig.focal_px.tolist(), strict=True):
+        place = ", ".join(f"{axis:.2f}" for axis in camera.position_m.tolist())
+        size = "{} x {}".format(*camera.size_px)
+        rows.append((camera.name, size, f"{focal_px:.0f}", place, camera.lens, f"{1000 * camera.time_offset_s:.1f}"))
+    focal_px, late_ms = rig.focal_px, 1000 * rig.time_offsets_s
+    apart_m = np.linalg.norm(rig.positions_m[:, None] - rig.positions_m, axis=-1).max()
+    facts = {
+        "": listed(rig.names),
+        "focal lengths": f"{focal_px.min():.0f} to {focal_px.max():.0f} px",
+        "farthest apart": f"{apart_m:.2f} m",
+        "time offsets": f"{late_ms.min():.1f} to {late_ms.max():.1f} ms" if late_ms.any() else "",
+    }
+    columns = ("camera", "size [px]", "focal length [px]", "position [m]", "lens", "time offset [ms]")
+    return Summary(f"CameraRig: {counted(rig.n_cameras, 'camera')}", _known(facts), columns, rows)
+
+
+@summary.register
+def _(angles: JointAngles) -> Summary:
+    rows = []
+    for index, name in enumerate(angles.names):
+        own_deg = angles.angle_deg[:, index]
+        known_deg = own_deg[np.isfinite(own_deg)]
+        low, middle, high = np.percentile(known_deg, (0, 50, 100)) if len(known_deg) else (np.nan,) * 3
+        cells = [f"{value:.1f}" if np.isfinite(value) else "-" for value in (low, middle, high)]
+        share = len(known_deg) / max(len(own_deg), 1)
+        rows.append((name, *cells, _median(angles.sigma_deg[:, index], "") or "-", percent(share)))
+    facts = {
+        "": listed(angles.names),
+        "known": percent(float(np.isfinite(angles.angle_deg).mean())) if angles.angle_deg.size else "",
+        "sigma": _median(angles.sigma_deg, "deg"),
+    }
+    title = f"JointAngles: {_span(angles.time_s)}, {counted(len(angles.names), 'angle')}"
+    return Summary(title, _known(facts), ("angle [deg]", "min", "median", "max", "sigma", "known"), rows)
+
+
+@summary.register
+def _(evaluation: Evaluation) -> Summary:
+    coverage = "" if evaluation.coverage_95 is None else percent(evaluation.coverage_95)
+    nees = "" if evaluation.nees is None else f"{evaluation.nees:.1f} (3: the covariance is right)"
+    facts = {
+        "MPJPE": _number(evaluation.mpjpe_absolute_mm, "mm"),
+        "relative to the root": _number(evaluation.mpjpe_relative_mm, "mm"),
+        "after Procrustes alignment": _number(evaluation.pa_mpjpe_mm, "mm"),
+        "within 150 mm": percent(evaluation.pck) if np.isfinite(evaluation.pck) else "",
+        "acceleration error": _number(evaluation.acceleration_error_mps2, "m/s²"),
+        "missing": percent(evaluation.share_missing),
+        "in the 95 % ellipsoids": coverage,
+        "NEES": nees,
+    }
+    rows = [
+        (joint.joint, f"{joint.mpjpe_absolute_mm:.1f}", f"{joint.mpjpe_relative_mm:.1f}", percent(joint.share_missing))
+        for joint in evaluation.joints
+    ]
+    title = f"Evaluation: {counted(evaluation.n_joints, 'joint')} in {counted(evaluation.n_frames, 'frame')}"
+    return Summary(title, _known(facts), ("joint", "MPJPE [mm]", "relative [mm]", "missing"), rows)
+
+
+@summary.register
+def _(people: SmoothedPeople) -> Summary:
+    rows = []
+    for person, each in people.trajectories.items():
+        observed = percent(each.status_share(Status.OBSERVED)) if each.n_frames else "-"
+        rows.append((str(person), *_begin_and_end(each.time_s), f"{each.n_frames:,}", observed))
+    observations = people.association.observations
+    title = (
+        f"SmoothedPeople: {len(rows)} {'person' if len(rows) == 1 else 'people'}, {_span(observations.frame_time_s)}"
+    )
+    facts = {
+        "": listed([f"{person}: {begin} to {end} s" for person, begin, end, *_ in rows]),
+        "detections of nobody": f"{people.association.n_unused:,}",
+        "events": f"{len(people.association.events):,}",
+    }
+    return Summary(title, _known(facts), ("person", "from [s]", "to [s]", "frames", "observed"), rows)
+
+
+def _known(facts: dict[str, str]) -> dict[str, str]:
+    return {name: fact for name, fact in facts.items() if fact}
+
+
+def _span(time_s: Float[np.ndarray, " frame"]) -> str:
+    """How many frames, when, and how many a second."""
+    if not len(time_s):
+        return "no frame"
+    begin, end = _begin_and_end(time_s)
+    rate = f" ({frames_per_second(time_s):.4g} Hz)" if len(time_s) > 1 else ""
+    return f"{counted(len(time_s), 'frame')}, {begin} to {end} s{rate}"
+
+
+def _begin_and_end(time_s: Float[np.ndarray, " frame"]) -> tuple[str, str]:
+    return (f"{time_s[0]:.2f}", f"{time_s[-1]:.2f}") if len(time_s) else ("-", "-")
+
+
+def _skeleton(thing: Trajectory | Estimate | Observations | PeopleObservations) -> str:
+    return f"{counted(thing.skeleton.n_joints, 'joint')} ({thing.skeleton.name})"
+
+
+def _sigmas_mm(trajectory: Trajectory) -> Float[np.ndarray, "frame joint"] | None:
+    return None if trajectory.covariance_m2 is None else _sigma_mm(trajectory.covariance_m2)
+
+
+def _sigma_mm(covariance_m2: Float[np.ndarray, "*points 3 3"]) -> Float[np.ndarray, "*points"]:
+    """Root mean square of the standard deviations along the axes."""
+    return 1000 * np.sqrt(np.trace(covariance_m2, axis1=-2, axis2=-1) / 3)
+
+
+def _median(values: np.ndarray | None, unit: str) -> str:
+    known = np.zeros(0) if values is None else values[np.isfinite(values)]
+    return f"{np.median(known):.3g} {unit}".strip() + (" (median)" if unit else "") if len(known) else ""
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{value:.1f} {unit}" if np.isfinite(value) else ""

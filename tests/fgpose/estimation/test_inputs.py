@@ -1,0 +1,57 @@
+"""What estimators cannot take is one clear error. Called through check_inputs: the tests check types before."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from fgpose.estimation.evidence.inputs import check_inputs
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.people_observations import PeopleObservations
+from fgpose_benchmarks.synthetic import Scene
+
+
+def test_observations_of_others_and_exchanged_arguments_are_named(walking_scene: Scene, rig: CameraRig) -> None:
+    one = walking_scene.observations.frames(slice(0, 2))
+    people = PeopleObservations.of_one(one)
+    check_inputs("smooth", one, rig)
+    check_inputs("smooth_people", people, rig, PeopleObservations)
+    several = "smooth takes Observations, of one person; PeopleObservations is of several people: use smooth_people"
+    wrong = {
+        several: ("smooth", people, rig, Observations),
+        "smooth takes the observations first, then the rig: smooth(observations, rig)": ("smooth", rig, one),
+        "PeopleObservations; Observations is of one person: use smooth, or": (
+            "smooth_people", one, rig, PeopleObservations,
+        ),
+        "smooth: rig must be CameraRig, got str": ("smooth", one, "Calib.toml"),
+        "refine: observations must be Observations, got str": ("refine", "pose/", rig),
+    }  # fmt: skip
+    for message, given in wrong.items():
+        with pytest.raises(TypeError, match=re.escape(message)):
+            check_inputs(*given)
+
+
+def test_every_estimator_asks() -> None:
+    """In a process of its own, whose types are not checked."""
+    program = """
+import fgpose
+rig, observations = fgpose.files.load_recording("balance_openpose")
+for estimator in (fgpose.smooth, fgpose.refine, fgpose.fuse, fgpose.smooth_people):
+    try:
+        estimator(rig, observations)
+    except TypeError as error:
+        print(error)
+try:
+    fgpose.Observations("coco_17", observations.time_s, observations.points2d_px)
+except TypeError as error:
+    print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    *said, of_skeleton = run.stdout.splitlines()
+    names = ("smooth", "refine", "fuse", "smooth_people")
+    assert said == [f"{name} takes the observations first, then the rig: {name}(observations, rig)" for name in names]
+    assert of_skeleton == "skeleton must be a Skeleton, as fgpose.load_skeleton('coco_17') gives one"

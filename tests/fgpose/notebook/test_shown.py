@@ -1,0 +1,160 @@
+"""What is seen of things in a notebook: short texts, HTML that is well-formed, pictures of what is there."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.notebook.picture import strip
+from fgpose.shown import Shown
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Status, Trajectory
+
+
+@cache
+def recording() -> tuple[fgpose.CameraRig, fgpose.Observations]:
+    rig, observations = fgpose.files.load_recording("balance_openpose")
+    return rig, observations.frames(slice(0, 12))
+
+
+@cache
+def smoothed() -> Trajectory:
+    rig, observations = recording()
+    return fgpose.smooth(observations, rig)
+
+
+@cache
+def things() -> dict[str, Any]:
+    (rig, observations), trajectory = recording(), smoothed()
+    people = fgpose.people.PeopleObservations.of_one(observations)
+    return {
+        "CameraRig": rig,
+        "Observations": observations,
+        "PeopleObservations": people,
+        "Trajectory": trajectory,
+        "JointAngles": fgpose.joint_angles(trajectory),
+        "Evaluation": fgpose.evaluate(trajectory, fgpose.refine(observations, rig)),
+        "SmoothedPeople": fgpose.smooth_people(people, rig),
+        "Estimate": fgpose.Estimator(rig, observations.skeleton).update(observations.frames(slice(0, 1))),
+    }
+
+
+def parsed(html: str) -> ET.Element:
+    """Raises ParseError where a tag is not closed or a name is not escaped."""
+    return ET.fromstring(html)
+
+
+KINDS = pytest.mark.parametrize(
+    "kind",
+    [
+        "CameraRig",
+        "Observations",
+        "PeopleObservations",
+        "Trajectory",
+        "JointAngles",
+        "Evaluation",
+        "SmoothedPeople",
+        "Estimate",
+    ],
+)
+
+
+@KINDS
+def test_a_thing_shows_itself_in_three_lines(kind: str) -> None:
+    thing = things()[kind]
+    lines = repr(thing).splitlines()
+    assert isinstance(thing, Shown)
+    assert lines[0].startswith(f"{kind}: ")
+    assert 2 <= len(lines) <= 3
+    assert max(map(len, lines)) <= 120
+    assert "array(" not in repr(thing)
+
+
+@KINDS
+def test_its_html_is_well_formed_and_says_the_same(kind: str) -> None:
+    thing = things()[kind]
+    page = parsed(thing._repr_html_())
+    texts = " ".join(page.itertext())
+    assert repr(thing).splitlines()[0] in texts
+    assert page.find(".//table") is not None
+
+
+def test_the_facts_are_those_of_the_thing() -> None:
+    trajectory = smoothed()
+    assert trajectory.covariance_m2 is not None
+    assert repr(trajectory).startswith("Trajectory: 12 frames, 0.00 to 0.18 s (60 Hz), 25 joints (body_25b)\n")
+    sigma_mm = 1000 * np.sqrt(np.trace(trajectory.covariance_m2, axis1=2, axis2=3) / 3)
+    assert f"sigma {np.nanmedian(sigma_mm):.3g} mm" in repr(trajectory)
+    assert "cam_01, cam_02" in repr(trajectory).replace("\n ", "")
+    assert "12.00" not in repr(recording()[0])
+    assert "4 cameras" in repr(recording()[0])
+
+
+def test_long_lists_and_empty_things_have_three_lines_too() -> None:
+    trajectory = smoothed()
+    many = tuple(f"camera_{n}" for n in range(40))
+    crowded = replace(trajectory, camera_names=many, residual_px=None, visibility=None)
+    assert len(repr(crowded).splitlines()) == 3
+    assert "34 more" in repr(crowded)
+    nothing = trajectory[:0]
+    assert repr(nothing).startswith("Trajectory: no frame, 25 joints")
+    parsed(nothing._repr_html_())
+    unknown = replace(
+        trajectory,
+        positions_m=np.full(trajectory.positions_m.shape, np.nan),
+        status=np.full(trajectory.status.shape, Status.UNOBSERVABLE),
+        covariance_m2=None,
+    )
+    assert "100 % unobservable" in repr(unknown)
+    assert strip(unknown) == ""
+
+
+def test_names_are_escaped() -> None:
+    rig, _ = recording()
+    evil = "<script>alert(1)</script>"
+    named = fgpose.CameraRig((replace(rig.cameras[0], name=evil), *rig.cameras[1:]))
+    assert "<script" not in named._repr_html_()
+    assert evil in " ".join(parsed(named._repr_html_()).itertext())
+
+
+def test_shares_that_are_not_whole_are_not_rounded_to_it() -> None:
+    trajectory = smoothed()
+    status = np.full((12, 25), Status.OBSERVED)
+    status[0, 0] = Status.PREDICTED  # 1 of 300
+    assert "> 99 % observed, < 1 % predicted" in repr(replace(trajectory, status=status))
+
+
+def test_the_picture_shows_poses_upright_with_left_and_right() -> None:
+    """A stick figure, 1.8 m high and 1 m wide, in a world with y down: the head is on top, both sides are coloured, and
+    lengths have one scale."""
+    joints = ("pelvis", "head", "left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_ankle", "right_ankle")
+    bones = [("pelvis", "head"), ("left_hip", "left_ankle"), ("right_hip", "right_ankle")]
+    sides = [(f"left_{part}", f"right_{part}") for part in ("shoulder", "hip", "ankle")]
+    skeleton = Skeleton("stick", joints, bones, "pelvis", sides)
+    across_m = np.array([0.0, 0.0, 0.5, -0.5, 0.1, -0.1, 0.1, -0.1])
+    height_m = np.array([1.0, 1.8, 1.5, 1.5, 1.0, 1.0, 0.0, 0.0])
+    pose_m = np.stack([across_m, -height_m, np.full(8, 3.0)], axis=1)
+    positions_m = np.repeat(pose_m[None], 50, axis=0)
+    trajectory = Trajectory(skeleton, np.arange(50) / 50, positions_m, np.full((50, 8), Status.OBSERVED))
+    circles = parsed(strip(trajectory)).findall("{*}circle")
+    assert len(circles) == 5 * 8
+    x_px, y_px = (np.array([float(circle.attrib[axis]) for circle in circles]).reshape(5, 8) for axis in ("cx", "cy"))
+    assert (y_px.argmin(axis=1) == 1).all()
+    np.testing.assert_allclose(np.ptp(x_px, axis=1) / np.ptp(y_px, axis=1), 1 / 1.8, atol=0.01)  # rounded to 0.1 px
+    # Side by side, none over another.
+    assert (x_px.min(axis=1)[1:] > x_px.max(axis=1)[:-1]).all()
+    colours = [circle.attrib["fill"] for circle in circles[:8]]
+    assert colours[2] == colours[4] == colours[6] != colours[3] == colours[5] == colours[7]
+
+
+def test_a_picture_stays_small() -> None:
+    page = smoothed()._repr_html_()
+    assert len(page) < 40_000
+    assert not re.search(r"(href|src)=", page), "nothing is loaded from outside"
