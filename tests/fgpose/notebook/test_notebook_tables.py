@@ -89,7 +89,7 @@ def test_a_form_that_is_none_is_refused(walk: Trajectory) -> None:
 
     unchecked: Any = over_time.table_over_time
     with pytest.raises(ValueError, match="a table is long or wide, not 'tall'"):
-        unchecked.__wrapped__(walk, "tall")
+        getattr(unchecked, "__wrapped__", unchecked)(walk, "tall")
 
 
 def test_what_is_not_installed_is_named(walk: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
