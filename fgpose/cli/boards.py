@@ -82,7 +82,7 @@ class BoardOptions:
         """The result, with progress bars."""
         from fgpose.calibration.board.board import load_board
         from fgpose.calibration.board.calibrate import calibrate_from_boards
-        from fgpose.calibration.board.filmed import find_boards
+        from fgpose.calibration.board.filmed import boards_in
         from fgpose.calibration.board.world import parse_origin
         from fgpose.io.calibration import load_intrinsics
 
@@ -91,7 +91,7 @@ class BoardOptions:
         if intrinsics is not None:
             known = load_intrinsics(intrinsics, [clip.name for clip in clips], [clip.size_px for clip in clips])
         with progress_bar("looking for boards", "images") as progress:
-            sightings = find_boards(clips, load_board(self.board), progress=progress)
+            sightings = boards_in(clips, load_board(self.board), progress=progress)
         with progress_bar("calibrating", "steps") as progress:
             return calibrate_from_boards(
                 sightings, intrinsics=known, lens=self.lens, origin=parse_origin(self.origin), progress=progress

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fgpose.calibration.board.board import Board
+from fgpose.calibration.board.detection import opencv_charuco
 from fgpose.calibration.board.lens import image_of, numbers_of
 from fgpose.geometry.camera import Camera
 
@@ -20,7 +21,7 @@ def printed(board: Board) -> tuple[UInt8[np.ndarray, "height width"], Float[np.n
     has 40 pixels."""
     n, (columns, rows) = _PX_PER_SQUARE, board.size
     if board.kind == "charuco":
-        image = np.asarray(board.opencv().generateImage((n * (columns + 2), n * (rows + 2)), marginSize=n))
+        image = np.asarray(opencv_charuco(board).generateImage((n * (columns + 2), n * (rows + 2)), marginSize=n))
         return image.astype(np.uint8), np.array([n, n], dtype=float)
     if board.kind == "chessboard":
         row, column = np.mgrid[0 : rows + 1, 0 : columns + 1]

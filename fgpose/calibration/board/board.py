@@ -7,13 +7,10 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-
-if TYPE_CHECKING:
-    import cv2
 
 BoardKind = Literal["charuco", "chessboard", "circles"]
 
@@ -94,15 +91,6 @@ class Board:
         if self.kind == "charuco":
             parts += [f"{1e3 * self.marker_m:.6g}mm", self.dictionary]
         return ":".join(parts)
-
-    def opencv(self, *, legacy: bool = False) -> cv2.aruco.CharucoBoard:
-        """OpenCV's board, of charuco only; legacy: as OpenCV before 4.6 drew those with an even number of rows."""
-        import cv2
-
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        board = cv2.aruco.CharucoBoard(self.size, self.square_m, self.marker_m, dictionary)
-        board.setLegacyPattern(legacy)
-        return board
 
 
 def load_board(text: str) -> Board:

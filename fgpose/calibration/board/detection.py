@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from fgpose.calibration.board.board import Board
 from fgpose.calibration.board.sightings import MIN_POINTS
+
+if TYPE_CHECKING:
+    import cv2
 
 Grey = UInt8[np.ndarray, "height width"]
 # Half the window in which an edge of a corner is looked at, as a share of the distance to the next corner, and pixels.
@@ -26,6 +29,16 @@ class Detector(Protocol):
     def find(self, image: Grey) -> Float[np.ndarray, "point 2"] | None:
         """Corners in pixels, NaN where one is not found; None: no board."""
         ...
+
+
+def opencv_charuco(board: Board, *, legacy: bool = False) -> cv2.aruco.CharucoBoard:
+    """OpenCV's board; legacy: as OpenCV before 4.6 drew those with an even number of rows."""
+    import cv2
+
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    charuco = cv2.aruco.CharucoBoard(board.size, board.square_m, board.marker_m, dictionary)
+    charuco.setLegacyPattern(legacy)
+    return charuco
 
 
 def detector_of(board: Board) -> Detector:
@@ -46,7 +59,8 @@ class _Charuco:
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
         patterns = (False,) if board.size[1] % 2 else (False, True)
         self._detectors = [
-            cv2.aruco.CharucoDetector(board.opencv(legacy=legacy), detectorParams=parameters) for legacy in patterns
+            cv2.aruco.CharucoDetector(opencv_charuco(board, legacy=legacy), detectorParams=parameters)
+            for legacy in patterns
         ]
 
     def find(self, image: Grey) -> Float[np.ndarray, "point 2"] | None:

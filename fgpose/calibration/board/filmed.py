@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,6 +15,7 @@ from fgpose.calibration.board.detection import Detector, blur_px, detector_of
 from fgpose.calibration.board.sightings import BoardSightings, LeftOut
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.network import Image
+from fgpose.monocular.sources import find_clips
 from fgpose_factors.robust_statistics import known_median
 
 _MOST_MOMENTS = 240  # of a recording that are looked at, evenly spread
@@ -32,6 +34,37 @@ class _View:
 
 
 def find_boards(
+    path: str | Path,
+    board: Board,
+    *,
+    fps: float | None = None,
+    cameras: tuple[str, ...] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> BoardSightings:
+    """What synchronised cameras saw of a board.
+
+    Args:
+        path: a folder with one video per camera (cam01.mp4), or one folder of images for each; images of the same
+            number are of the same moment.
+        board: which one.
+        fps: images per second, where it is not as the videos say.
+        cameras: use only these, in this order.
+        progress: as of boards_in.
+
+    Raises:
+        ValueError: as boards_in; there are no videos, or one is damaged.
+        OSError: a file cannot be opened.
+    """
+    return boards_in(board_clips(path, fps, cameras), board, progress=progress)
+
+
+def board_clips(path: str | Path, fps: float | None = None, cameras: tuple[str, ...] = ()) -> tuple[Clip, ...]:
+    """The videos or images, see find_boards."""
+    # Images of a board have numbers, and no times.
+    return find_clips(path, fps=fps, cameras=cameras, fps_of_images=1.0)
+
+
+def boards_in(
     clips: Sequence[Clip], board: Board, *, progress: Callable[[int, int], None] | None = None
 ) -> BoardSightings:
     """Look for a board at moments that are evenly spread, and use sharp views of it in different places.

@@ -166,13 +166,12 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
         return any(given) or self.focal != "auto"
 
     def _with_board(self) -> int:
+        from fgpose.calibration.board.filmed import board_clips
         from fgpose.calibration.from_people.calibrated import Grade
-        from fgpose.monocular.sources import find_clips
         from fgpose.pipeline import write_board_calibration
 
         quieten_decoder()
-        # Images of a board have numbers, and no times.
-        clips = find_clips(self.recording, fps=self.fps, cameras=self.cameras, fps_of_images=1.0)
+        clips = board_clips(self.recording, self.fps, self.cameras)
         if self.frames is not None:
             clips = tuple(clip.first(self.frames) for clip in clips)
         result = self.calibrated_with_board(clips, self.intrinsics)

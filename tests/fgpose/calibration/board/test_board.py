@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fgpose.calibration.board.board import load_board, parse_board
+from fgpose.calibration.board.detection import opencv_charuco
 from fgpose.calibration.board.drawing import board_pdf, save_board, sheet_of
 from fgpose.io.calibration.board_files import board_text
 
@@ -148,7 +149,7 @@ def test_the_charuco_of_the_pdf_is_opencvs() -> None:
     boxes = re.findall(rb"([\d.-]+) ([\d.-]+) ([\d.-]+) [\d.-]+ re", board_pdf(board))
     for x, y, side in np.rint(np.array(boxes, dtype=float) * _POINT_MM).astype(int).tolist():
         drawn[-y - side : -y, x : x + side] = 0
-    expected = np.asarray(board.opencv().generateImage((210, 180)))
+    expected = np.asarray(opencv_charuco(board).generateImage((210, 180)))
     assert (drawn == expected).mean() > 0.999
 
 

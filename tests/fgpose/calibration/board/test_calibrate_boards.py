@@ -83,7 +83,7 @@ def test_the_solution_is_that_of_the_whole_matrix() -> None:
     np.testing.assert_allclose(product + damping * problem.damping_scale * solved, right, rtol=1e-4, atol=1e-4)
 
 
-@pytest.mark.parametrize("model", ["pinhole", "fisheye"])
+@pytest.mark.parametrize("model", ["pinhole", pytest.param("fisheye", marks=pytest.mark.slow)])
 def test_without_noise_the_truth_is_found(model: LensModel) -> None:
     scene = simulated(3, 5, 0.0, model)
     result = calibrate_from_boards(scene.sightings)
@@ -194,6 +194,7 @@ def test_single_corners_that_are_wrong_hardly_matter(scene: BoardScene, result: 
     assert found.sigmas.position_m.max() < 1.5 * result.sigmas.position_m.max()
 
 
+@pytest.mark.slow
 def test_a_camera_at_other_moments_contradicts_the_others(scene: BoardScene) -> None:
     """Its images are those of the moment after."""
     points_px = scene.sightings.points_px.copy()

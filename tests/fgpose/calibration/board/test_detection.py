@@ -8,7 +8,7 @@ import pytest
 from filmed_boards import small
 
 from fgpose.calibration.board.board import parse_board
-from fgpose.calibration.board.detection import blur_px, detector_of
+from fgpose.calibration.board.detection import blur_px, detector_of, opencv_charuco
 from fgpose_benchmarks.synthetic.board_images import render
 from fgpose_benchmarks.synthetic.boards import seen_px, simulate_boards
 
@@ -51,7 +51,7 @@ def test_the_first_corner_is_the_same_upside_down() -> None:
 def test_boards_as_opencv_drew_them_before_4_6() -> None:
     board = parse_board("charuco:6x6:30mm:22mm:DICT_4X4_50")
     for legacy in (False, True):
-        image = np.asarray(board.opencv(legacy=legacy).generateImage((420, 420), marginSize=30))
+        image = np.asarray(opencv_charuco(board, legacy=legacy).generateImage((420, 420), marginSize=30))
         found_px = detector_of(board).find(image)
         assert found_px is not None
         np.testing.assert_allclose(found_px, board.points_m[:, :2] / board.square_m * 60 + 29.5, atol=0.6)
@@ -65,7 +65,7 @@ def test_no_board_is_no_board() -> None:
 
 def test_blur_is_the_width_of_the_edges() -> None:
     board = parse_board("charuco:6x5:160mm:120mm:DICT_4X4_50")
-    image = np.asarray(board.opencv().generateImage((360, 300)))
+    image = np.asarray(opencv_charuco(board).generateImage((360, 300)))
     points_px = board.points_m[:, :2] / board.square_m * 60 - 0.5
     widths = [blur_px(np.asarray(cv2.GaussianBlur(image, (0, 0), sigma)), points_px) for sigma in (0.5, 1.0, 2.0, 4.0)]
     assert np.all(np.diff(widths) > 0)
