@@ -21,6 +21,7 @@ from typing import Annotated, Any, Protocol, TextIO, Union, runtime_checkable
 
 import numpy as np
 
+from fgpose.cli.boards import Board
 from fgpose.cli.commands.angles import Angles
 from fgpose.cli.commands.calibrate import Calibrate
 from fgpose.cli.commands.demo import Demo
@@ -43,7 +44,7 @@ from fgpose.extensions import added
 from fgpose.io.atomic import NotWrittenError, not_written
 from fgpose.plain_files import shortened
 
-_DESCRIPTION = """3D human pose over time from several cameras, and their calibration from the people in their videos.
+_DESCRIPTION = """3D human pose over time from several cameras, and their calibration from people or with a board.
 
 Try it on a real recording that comes with fgpose: fgpose demo
 
@@ -64,6 +65,7 @@ _EXPECTED = (ValueError, OSError, ImportError, MemoryError)
 _COMMANDS = {
     "demo": Demo,
     "calibrate": Calibrate,
+    "board": Board,
     "run": Run,
     "study": Study,
     "detect": Detect,

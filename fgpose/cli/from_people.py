@@ -179,7 +179,7 @@ class FromPeopleOptions:
                     progress=progress,
                 )
         except ValueError:
-            _say_not_written(path)
+            say_not_written(path)
             raise
 
     def _focal_of(self, intrinsics: CameraRig) -> Focal:
@@ -232,9 +232,10 @@ def print_calibrated(
     print_written(console, *written)
     if result.grade is not Grade.FAILED:
         return True
-    _say_not_written(output)
+    say_not_written(output)
     return False
 
 
-def _say_not_written(path: Path) -> None:
+def say_not_written(path: Path) -> None:
+    """That a calibration has failed, on stderr."""
     new_console(stderr=True).print(f"fgpose: the calibration has failed; {path} was not written", soft_wrap=True)

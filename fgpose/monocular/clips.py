@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -88,14 +88,18 @@ class Clip:
             yield picture
 
     def images_at(self, numbers: Sequence[int]) -> dict[int, Image]:
+        """Those of images_one_by_one, at once."""
+        return dict(self.images_one_by_one(numbers))
+
+    def images_one_by_one(self, numbers: Sequence[int]) -> Iterator[tuple[int, Image]]:
         """Some of the images by number, of those that there are, in one pass. Numbers increase.
 
         Raises:
             ValueError: an image cannot be read; the message names the file.
         """
         if self.files:
-            return {number: _read_image(self.files[number]) for number in numbers if number < len(self.files)}
-        found: dict[int, Image] = {}
+            yield from ((number, _read_image(self.files[number])) for number in numbers if number < len(self.files))
+            return
         video = _open_video(self.path)
         try:
             position = -1
@@ -107,10 +111,9 @@ class Clip:
                     break
                 read, image = video.retrieve()
                 if read:
-                    found[number] = _rgb(image)
+                    yield number, _rgb(image)
         finally:
             video.release()
-        return found
 
     def stamps_s(self) -> Float[np.ndarray, " image"]:
         """Of all images, as pictures() gives them, read without decoding an image; NaN where files hold none.
@@ -151,6 +154,10 @@ class Clip:
         if self.given_fps is None and (np.diff(stamps_s) > 0).all() and np.isfinite(stamps_s).all():
             return stamps_s.astype(float)
         return index / self.fps
+
+    def first(self, n_images: int) -> Clip:
+        """The same without the images after so many."""
+        return replace(self, n_images=min(n_images, self.n_images), files=self.files[:n_images])
 
     def fingerprint(self) -> str:
         """Changes with the content: of a video size, head, middle and tail; of image files names, sizes and times."""

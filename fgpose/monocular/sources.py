@@ -53,13 +53,20 @@ def has_videos(path: str | Path) -> bool:
     return path.suffix.lower() in VIDEO_SUFFIXES
 
 
-def find_clips(path: str | Path, *, fps: float | None = None, cameras: tuple[str, ...] = ()) -> tuple[Clip, ...]:
+def find_clips(
+    path: str | Path,
+    *,
+    fps: float | None = None,
+    cameras: tuple[str, ...] = (),
+    fps_of_images: float | None = None,
+) -> tuple[Clip, ...]:
     """The videos of cameras that are not calibrated yet, by their own names, each probed.
 
     Args:
         path: as of open_sources.
         fps: as there.
         cameras: use only these, in this order.
+        fps_of_images: of folders of images, where fps is not given: their times are their numbers divided by this.
 
     Raises:
         ValueError: as open_sources; a camera has no video.
@@ -69,7 +76,8 @@ def find_clips(path: str | Path, *, fps: float | None = None, cameras: tuple[str
     found = _find(path)
     with naming(path):
         names = named_cameras(cameras or found, found)
-    return tuple(open_clip(name, found[own], fps) for name, own in names.items())
+    each = [(name, found[own]) for name, own in names.items()]
+    return tuple(open_clip(name, own, fps or (fps_of_images if own.is_dir() else None)) for name, own in each)
 
 
 def open_sources(

@@ -1,4 +1,4 @@
-"""Writing and showing a calibration from people, or what was bumped since."""
+"""Writing and showing a calibration from people or with boards, or what was bumped since."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from fgpose.calibration.board.calibrate import CalibratedFromBoards
 from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import CalibrationOrigin, RigFormat, save_rig
 from fgpose.people_observations import PeopleObservations
-from fgpose.pipeline.origin import after_bumps, calibration_from_people
+from fgpose.pipeline.origin import after_bumps, calibration_from_boards, calibration_from_people
 from fgpose.pipeline.outputs import write_all
-from fgpose.pipeline.seen_walk import SeenWalk, of_bumped, of_calibrated, show_walk
+from fgpose.pipeline.seen_walk import SeenWalk, of_boards, of_bumped, of_calibrated, show_walk
 from fgpose.viewer import CalibrationRecording, open_calibration_recording
 
 Display = Callable[[SeenWalk, CalibrationRecording], None]
@@ -47,6 +48,19 @@ def write_calibration(
     rig = None if result.grade is Grade.FAILED else result.rig
     known = replace(calibration_from_people(result), step=step)
     return _write(rig, known, path, file_format, rrd, lambda: of_calibrated(result), display)
+
+
+def write_board_calibration(
+    result: CalibratedFromBoards, path: Path, file_format: RigFormat = "auto", rrd: Path | None = None
+) -> tuple[Path, ...]:
+    """The same of a calibration with boards.
+
+    Raises:
+        OutputError: a file could not be written; the others were.
+    """
+    rig = None if result.grade is Grade.FAILED else result.rig
+    known = replace(calibration_from_boards(result), step="calibrate")
+    return _write(rig, known, path, file_format, rrd, lambda: of_boards(result), None)
 
 
 def write_bumped(

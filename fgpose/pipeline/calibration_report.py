@@ -25,17 +25,17 @@ def camera_rows(result: CalibratedFromPeople) -> dict[str, list[str]]:
     position_m = rig.positions_m
     forward = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
     used = np.isfinite(result.residual_px)
-    rows = {f"place {axis} [m]": _texts(position_m[:, a], 2) for a, axis in enumerate("xyz")}
-    rows["  ± [mm]"] = _texts(1000 * sigmas.position_m, 0)
-    rows["looks towards [deg from x]"] = _texts(np.rad2deg(np.arctan2(forward[:, 1], forward[:, 0])), 1)
-    rows["looks up [deg]"] = _texts(np.rad2deg(np.arcsin(np.clip(forward[:, 2], -1, 1))), 1)
-    rows["  ± [deg]"] = _texts(sigmas.direction_deg, 2)
-    rows["focal length [px]"] = _texts(rig.focal_px, 0)
-    rows["  ± [%]"] = _texts_unless_given(100 * sigmas.focal, 1)
-    rows["start [s]"] = _texts(rig.time_offsets_s, 3)
-    rows["  ± [ms]"] = _texts_unless_given(1000 * sigmas.offset_s, 1)
+    rows = {f"place {axis} [m]": texts(position_m[:, a], 2) for a, axis in enumerate("xyz")}
+    rows["  ± [mm]"] = texts(1000 * sigmas.position_m, 0)
+    rows["looks towards [deg from x]"] = texts(np.rad2deg(np.arctan2(forward[:, 1], forward[:, 0])), 1)
+    rows["looks up [deg]"] = texts(np.rad2deg(np.arcsin(np.clip(forward[:, 2], -1, 1))), 1)
+    rows["  ± [deg]"] = texts(sigmas.direction_deg, 2)
+    rows["focal length [px]"] = texts(rig.focal_px, 0)
+    rows["  ± [%]"] = texts_unless_given(100 * sigmas.focal, 1)
+    rows["start [s]"] = texts(rig.time_offsets_s, 3)
+    rows["  ± [ms]"] = texts_unless_given(1000 * sigmas.offset_s, 1)
     rows["joints used"] = [str(n) for n in used.sum(axis=(0, 2)).tolist()]
-    rows["residual, median [px]"] = _texts(
+    rows["residual, median [px]"] = texts(
         np.array([known_median(each) for each in result.residual_px.swapaxes(0, 1)]), 1
     )
     return rows
@@ -82,16 +82,16 @@ def _whose(finding: CalibrationFinding) -> str:
 def markdown(result: CalibratedFromPeople) -> str:
     """The same as one page."""
     said = verdict(result.findings, result.grade)
-    return _page(said, summary(result), result.rig.names, camera_rows(result))
+    return page(said, summary(result), result.rig.names, camera_rows(result))
 
 
 def bumped_rows(bumped: BumpedRig[Any]) -> dict[str, list[str]]:
     """By quantity, one value for each camera: by how much it was moved, and how well it agrees with the others."""
     return {
-        "turned by [deg]": _texts(bumped.rotation_deg, 2),
-        "moved by [mm]": _texts(1000 * bumped.translation_m, 0),
-        "error before [px]": _texts(bumped.residual_before_px, 1),
-        "error after [px]": _texts(bumped.residual_after_px, 1),
+        "turned by [deg]": texts(bumped.rotation_deg, 2),
+        "moved by [mm]": texts(1000 * bumped.translation_m, 0),
+        "error before [px]": texts(bumped.residual_before_px, 1),
+        "error after [px]": texts(bumped.residual_after_px, 1),
     }
 
 
@@ -103,10 +103,10 @@ def bumped_summary(bumped: BumpedRig[Any]) -> str:
 def bumped_markdown(bumped: BumpedRig[Any]) -> str:
     """The same as one page."""
     said = verdict(bumped.findings, bumped.grade)
-    return _page(said, [bumped_summary(bumped)], bumped.rig.names, bumped_rows(bumped))
+    return page(said, [bumped_summary(bumped)], bumped.rig.names, bumped_rows(bumped))
 
 
-def _page(said: list[str], lines: list[str], names: Sequence[str], rows: dict[str, list[str]]) -> str:
+def page(said: list[str], lines: list[str], names: Sequence[str], rows: dict[str, list[str]]) -> str:
     table = [f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
     table += [f"| {quantity.strip()} | {' | '.join(values)} |" for quantity, values in rows.items()]
     return "\n".join([f"**{said[0]}**", "", *said[1:], "", *_spaced(lines), *table])
@@ -116,11 +116,9 @@ def _spaced(lines: Iterable[str]) -> list[str]:
     return [each for line in lines for each in (line, "")]
 
 
-def _texts(values: np.ndarray, digits: int) -> list[str]:
+def texts(values: np.ndarray, digits: int) -> list[str]:
     return ["-" if np.isnan(value) else f"{value:.{digits}f}" for value in values.tolist()]
 
 
-def _texts_unless_given(values: np.ndarray, digits: int) -> list[str]:
-    return [
-        "given" if value == 0 else text for value, text in zip(values.tolist(), _texts(values, digits), strict=True)
-    ]
+def texts_unless_given(values: np.ndarray, digits: int) -> list[str]:
+    return ["given" if value == 0 else text for value, text in zip(values.tolist(), texts(values, digits), strict=True)]

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fgpose.calibration.board.calibrate import CalibratedFromBoards
 from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
 from fgpose.calibration.self_calibration import CameraCalibration
@@ -82,6 +83,11 @@ def calibration_from_people(found: CalibratedFromPeople) -> CalibrationOrigin:
     """Of the rig that was found."""
     sigma_s = _known(found.rig, found.sigmas.offset_s)
     return CalibrationOrigin(sigma_s, grade=found.grade.value, findings=_reasons(found.findings))
+
+
+def calibration_from_boards(found: CalibratedFromBoards) -> CalibrationOrigin:
+    """Of the rig that was found."""
+    return CalibrationOrigin(grade=found.grade.value, findings=_reasons(found.findings))
 
 
 def after_bumps(known: CalibrationOrigin, found: BumpedRig[Any]) -> CalibrationOrigin:

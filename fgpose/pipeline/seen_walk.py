@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.calibration.board.board import Board
+from fgpose.calibration.board.calibrate import CalibratedFromBoards
 from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.from_people.starts.starts import Starts
@@ -20,6 +22,7 @@ from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
+from fgpose.pipeline.board_report import board_markdown
 from fgpose.pipeline.calibration_report import bumped_markdown, markdown
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory, joint_status
@@ -49,6 +52,36 @@ class SeenWalk:
 def of_calibrated(result: CalibratedFromPeople) -> SeenWalk:
     sigma_m = result.sigmas.position_m
     return SeenWalk(result.rig, result.walk, result.joints_m, result.residual_px, sigma_m, markdown(result))
+
+
+def of_boards(result: CalibratedFromBoards) -> SeenWalk:
+    """The board as a body whose joints are its corners."""
+    sightings, board = result.sightings, result.sightings.board
+    R, t = result.world_T_board[:, :3, :3], result.world_T_board[:, :3, 3]
+    walk = Walk(
+        _grid(board),
+        sightings.camera_names,
+        sightings.time_s,
+        sightings.points_px,
+        sightings.seen.astype(float),
+    )
+    return SeenWalk(
+        rig=result.rig,
+        walk=walk,
+        joints_m=board.points_m @ R.swapaxes(1, 2) + t[:, None],
+        residual_px=result.residual_px,
+        position_sigma_m=result.sigmas.position_m,
+        report=board_markdown(result),
+    )
+
+
+def _grid(board: Board) -> Skeleton:
+    """Corners, each joined to the next of its row and column."""
+    apart_m = np.linalg.norm(board.points_m[:, None] - board.points_m, axis=-1)
+    nearest_m = np.min(apart_m[apart_m > 0])
+    lines = np.argwhere(np.triu(apart_m < 1.1 * nearest_m, 1)).tolist()
+    names = tuple(f"corner {number + 1}" for number in range(board.n_points))
+    return Skeleton("board", names, (), tuple(range(board.n_points)), lines=tuple((a, b) for a, b in lines))
 
 
 def of_bumped(bumped: BumpedRig[PeopleObservations], given: CameraRig) -> SeenWalk:

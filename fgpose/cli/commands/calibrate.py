@@ -1,4 +1,4 @@
-"""Calibrating cameras from the people in their videos."""
+"""Calibrating cameras from the people in their videos, or with a board."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
+from fgpose.cli.boards import BoardOptions, print_board_calibration
 from fgpose.cli.commands.detect import NetworkOptions, quieten_decoder
 from fgpose.cli.console import new_console
 from fgpose.cli.delivery import look_at
-from fgpose.cli.from_people import FromPeopleOptions, parse_size, print_calibrated
+from fgpose.cli.from_people import FromPeopleOptions, parse_size, print_calibrated, say_not_written
 from fgpose.cli.pictures import show_walk_images
 
 if TYPE_CHECKING:
@@ -78,14 +79,18 @@ class RecordingToCalibrate(FromPeopleOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibrate(NetworkOptions, RecordingToCalibrate):
-    """Calibrate cameras from nothing but people who walk through the scene.
+class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
+    """Calibrate cameras from nothing but people who walk through the scene, or with a board.
 
     No board, no common start: one person walks for half a minute where all cameras look (docs/calibrate.md says how).
     Writes the rig, with the start of each camera (time_offset_s and start_s), and a scene for the viewer beside it;
     prints what is known of each camera and how well, and a verdict with reasons and remedies. The world has z up, the
     floor at z = 0 and its origin under the first camera. If the calibration fails, no rig is written and the exit code
     is 1; it is 2 if the input allows none.
+
+    With --board the cameras are calibrated with a board instead, lenses included: lay it on the floor first, hold it
+    near to each camera, all over its image and tilted, and where several cameras see it at once
+    (docs/calibrate_board.md). The videos are synchronised; images of one number are of one moment.
 
     With --from a rig that was right is corrected instead: the cameras that were bumped get new poses.
 
@@ -99,6 +104,8 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
 
     def run(self) -> int:
         self._check()
+        if self.board is not None:
+            return self._with_board()
         return self._bumped() if self.from_rig is not None else self._from_nothing()
 
     def _check(self) -> None:
@@ -108,6 +115,12 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         from fgpose.io.made_by import refuse_others
 
         self.check_options()
+        self.check_board()
+        if self.board is not None and self._says_of_people:
+            raise ValueError(
+                "--board takes scale and lenses from the board: leave --from, --height, --distance, --focal, "
+                "--focal-px, --sound, --skeleton and --size out"
+            )
         check = check_writable if check_format(self.output, self.format) == "easymocap" else check_replaceable
         if check is check_replaceable and self.output.is_dir():
             raise ValueError(f"{self.output} is a folder, where a file is to be written")
@@ -146,6 +159,28 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         result = self.calibrated(people, intrinsics, self.output, console, starts)
         written = write_calibration(result, self.output, self.format, self._scene, display)
         return self._ended(console, people, result, written)
+
+    @property
+    def _says_of_people(self) -> bool:
+        given = (self.from_rig, self.height, self.distance, self.focal_px, self.sound, self.skeleton, self.size)
+        return any(given) or self.focal != "auto"
+
+    def _with_board(self) -> int:
+        from fgpose.calibration.board.filmed import board_clips
+        from fgpose.calibration.from_people.calibrated import Grade
+        from fgpose.pipeline import write_board_calibration
+
+        quieten_decoder()
+        clips = board_clips(self.recording, self.fps, self.cameras)
+        if self.frames is not None:
+            clips = tuple(clip.first(self.frames) for clip in clips)
+        result = self.calibrated_with_board(clips, self.intrinsics)
+        written = write_board_calibration(result, self.output, self.format, self._scene)
+        print_board_calibration(new_console(), result, written)
+        if result.grade is Grade.FAILED:
+            say_not_written(self.output)
+            return FAILED
+        return 0
 
     def _detected(self, console: Console) -> Detected:
         """What cameras without poses saw of people."""

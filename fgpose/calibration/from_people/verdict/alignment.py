@@ -22,10 +22,16 @@ def about_centroid(
     covariance: Float[np.ndarray, "camera 6 camera 6"], rig: CameraRig
 ) -> Float[np.ndarray, "camera 6 camera 6"]:
     """Covariance of what no similarity explains of the errors, from that in whatever gauge."""
-    generators, weights = _generators(rig), _weights(rig)
-    projection = np.eye(len(weights)) - generators @ np.linalg.pinv(weights[:, None] * generators) * weights
-    flat = covariance.reshape(len(weights), len(weights))
+    projection = onto_centroid(rig)
+    flat = covariance.reshape(len(projection), len(projection))
     return (projection @ flat @ projection.T).reshape(covariance.shape)
+
+
+def onto_centroid(rig: CameraRig, *, with_scale: bool = True) -> Float[np.ndarray, "error error"]:
+    """The projection that leaves of the errors of all cameras what no similarity explains; without scale: what no
+    motion explains, where the unit is known."""
+    generators, weights = _generators(rig)[:, : 7 if with_scale else 6], _weights(rig)
+    return np.eye(len(weights)) - generators @ np.linalg.pinv(weights[:, None] * generators) * weights
 
 
 def aligned(rig: CameraRig, onto: CameraRig) -> tuple[Similarity, Float[np.ndarray, "camera 6"]]:

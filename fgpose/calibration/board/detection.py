@@ -1,0 +1,142 @@
+"""Finding the corners of a board in an image, by OpenCV's detectors, and how sharp they are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from fgpose.calibration.board.board import Board
+from fgpose.calibration.board.sightings import MIN_POINTS
+
+if TYPE_CHECKING:
+    import cv2
+
+Grey = UInt8[np.ndarray, "height width"]
+# Half the window in which an edge of a corner is looked at, as a share of the distance to the next corner, and pixels.
+_WINDOW, _MOST_WINDOW_PX = 0.3, 12
+_LEAST_WINDOW_PX = 3
+_MOST_SEARCHED_PX = 1280
+_REFINEMENT = (3, 30, 1e-3)  # cv2.TERM_CRITERIA_COUNT | EPS
+_CIRCLE_AREA_PX2 = (20.0, 4e4)
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """Of one camera."""
+
+    def find(self, image: Grey) -> Float[np.ndarray, "point 2"] | None:
+        """Corners in pixels, NaN where one is not found; None: no board."""
+        ...
+
+
+def opencv_charuco(board: Board, *, legacy: bool = False) -> cv2.aruco.CharucoBoard:
+    """OpenCV's board; legacy: as OpenCV before 4.6 drew those with an even number of rows."""
+    import cv2
+
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    charuco = cv2.aruco.CharucoBoard(board.size, board.square_m, board.marker_m, dictionary)
+    charuco.setLegacyPattern(legacy)
+    return charuco
+
+
+def detector_of(board: Board) -> Detector:
+    """That finds such boards."""
+    return {"charuco": _Charuco, "chessboard": _Chessboard, "circles": _Circles}[board.kind](board)
+
+
+class _Charuco:
+    """Corners between the markers; parts of the board are enough."""
+
+    def __init__(self, board: Board) -> None:
+        import cv2
+
+        self._n_points = board.n_points
+        parameters = cv2.aruco.DetectorParameters()
+        # Corners between the markers are refined by the detector of the board; those of markers must be good enough to
+        # find them.
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+        patterns = (False,) if board.size[1] % 2 else (False, True)
+        self._detectors = [
+            cv2.aruco.CharucoDetector(opencv_charuco(board, legacy=legacy), detectorParams=parameters)
+            for legacy in patterns
+        ]
+
+    def find(self, image: Grey) -> Float[np.ndarray, "point 2"] | None:
+        for detector in self._detectors:
+            corners, ids, _, _ = detector.detectBoard(image)
+            if ids is not None and len(ids) >= MIN_POINTS:
+                # OpenCV before 4.6 drew boards with an even number of rows otherwise: it is one or the other.
+                self._detectors = [detector]
+                points_px = np.full((self._n_points, 2), np.nan)
+                points_px[np.ravel(ids).astype(int)] = np.reshape(corners, (-1, 2))
+                return points_px
+        return None
+
+
+class _Chessboard:
+    """All inner corners or none. The first one is told from the last by the colours of the squares."""
+
+    def __init__(self, board: Board) -> None:
+        self._size = board.size
+
+    def find(self, image: Grey) -> Float[np.ndarray, "point 2"] | None:
+        import cv2
+
+        # The sector-based detector takes 0.3 s for a large image, whether there is a board or not.
+        shrunk = min(1.0, _MOST_SEARCHED_PX / max(image.shape))
+        small = cv2.resize(image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA) if shrunk < 1 else image
+        found, corners = cv2.findChessboardCornersSB(small, self._size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        if not found:
+            return None
+        # The middle of the first pixel is at 0.
+        scale = np.array(image.shape[::-1]) / np.array(small.shape[::-1])
+        points_px = ((np.reshape(corners, (-1, 2)) + 0.5) * scale - 0.5).astype(np.float32)
+        half = _half_window_px(points_px)
+        fine_px = cv2.cornerSubPix(image, points_px.copy(), (half, half), (-1, -1), _REFINEMENT)
+        # One that has wandered has found something else.
+        strayed = np.linalg.norm(fine_px - points_px, axis=1) > half / 2
+        return np.where(strayed[:, None], np.nan, fine_px).astype(float)
+
+
+class _Circles:
+    """All circles of a staggered grid or none."""
+
+    def __init__(self, board: Board) -> None:
+        import cv2
+
+        self._size = board.size
+        parameters = cv2.SimpleBlobDetector.Params()
+        parameters.minArea, parameters.maxArea = _CIRCLE_AREA_PX2
+        parameters.minDistBetweenBlobs = 5.0
+        self._blobs = cv2.SimpleBlobDetector.create(parameters)
+
+    def find(self, image: Grey) -> Float[np.ndarray, "point 2"] | None:
+        import cv2
+
+        flags = cv2.CALIB_CB_ASYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING
+        found, centres = cv2.findCirclesGrid(image, self._size, flags=flags, blobDetector=self._blobs)
+        return np.reshape(centres, (-1, 2)).astype(float) if found else None
+
+
+def blur_px(image: Grey, points_px: Float[np.ndarray, "point 2"]) -> float:
+    """Width of the edges at the corners, the median over them: contrast over the steepest slope. 1 to 2 in a sharp
+    image, whatever its light."""
+    known_px = points_px[np.isfinite(points_px).all(axis=1)]
+    height, width = image.shape
+    half = _half_window_px(known_px)
+    widths = []
+    for x, y in np.rint(known_px).astype(int).tolist():
+        if not (half < x < width - half - 1 and half < y < height - half - 1):
+            continue
+        window = image[y - half : y + half + 1, x - half : x + half + 1].astype(float)
+        slope = np.hypot(*np.gradient(window)).max()
+        widths.append(np.ptp(window) / slope if slope > 0 else np.inf)
+    return float(np.median(widths)) if widths else np.inf
+
+
+def _half_window_px(points_px: Float[np.ndarray, "point 2"]) -> int:
+    spacing_px = np.linalg.norm(points_px[:, None] - points_px, axis=-1)
+    np.fill_diagonal(spacing_px, np.inf)
+    return int(np.clip(_WINDOW * np.median(spacing_px.min(axis=1)), _LEAST_WINDOW_PX, _MOST_WINDOW_PX))

@@ -1,0 +1,267 @@
+"""The bundle adjustment of cameras and boards: reprojection errors, their Jacobians, and the normal equations.
+
+The pose of the first camera is held, which fixes the gauge. Changes of a pose are a rotation vector (radians) and a
+translation (metres) in its own frame. Boards are eliminated by the Schur complement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.calibration.board.lens import N_OF_LENS, LensKind, image_of, moved_lens
+from fgpose.calibration.board.sightings import BoardSightings
+from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
+from fgpose_factors.kernels import robust_loss, robust_weight
+
+N_OF_CAMERA = 6 + N_OF_LENS
+POSE, LENS = slice(0, 6), slice(6, N_OF_CAMERA)
+# A corner that is wrong is off by many pixels. Of errors that are normal, 1 % are beyond this.
+_KERNEL, _KERNEL_SCALE = "huber", 3.0
+# As in fgpose.calibration.adjustment: what a radian, or a relative change of the focal length, moves at 4.5 m.
+_DISTANCE_M = 4.5
+_STEP_TOLERANCE_M = 1e-6  # a hundredth of the standard deviation of a good calibration
+_MAX_ITERATIONS = 100
+_MIN_DEPTH_M = 1e-3
+_BEHIND_PX = 1e4  # residual of a corner behind its camera
+
+
+@dataclass(frozen=True, eq=False)
+class BoardBundle:
+    """A state of the adjustment."""
+
+    world_T_camera: Float[np.ndarray, "camera 4 4"]
+    lenses: Float[np.ndarray, "camera 9"]
+    world_T_board: Float[np.ndarray, "moment 4 4"]
+
+
+class _Image(NamedTuple):
+    """What the cameras see."""
+
+    residual_px: Float[np.ndarray, "moment camera point 2"]
+    """NaN where a corner is not seen."""
+    by_point: Float[np.ndarray, "moment camera point 2 3"]
+    """Jacobian by the point in the frame of the camera."""
+    by_lens: Float[np.ndarray, "moment camera point 2 9"]
+    points_m: Float[np.ndarray, "moment camera point 3"]
+    """In the frame of the camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Factorized:
+    """The equations, boards eliminated."""
+
+    reduced: tuple[Float[np.ndarray, "shared shared"], bool]
+    cross: Float[np.ndarray, "moment shared 6"]
+    inverse_boards: Float[np.ndarray, "moment 6 6"]
+
+    def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
+        from scipy.linalg import cho_solve
+
+        n_shared = self.cross.shape[1]
+        of_shared, of_boards = right_hand_side[:n_shared], right_hand_side[n_shared:].reshape(-1, 6)
+        eliminated = np.einsum("tab,tb->ta", self.inverse_boards, of_boards)
+        shared = cho_solve(self.reduced, of_shared - np.einsum("tsa,ta->s", self.cross, eliminated))
+        boards = eliminated - np.einsum("tab,tsb,s->ta", self.inverse_boards, self.cross, shared)
+        return np.concatenate([shared, boards.ravel()])
+
+    def covariance(self) -> Float[np.ndarray, "shared shared"]:
+        from scipy.linalg import cho_solve
+
+        return np.asarray(cho_solve(self.reduced, np.eye(self.cross.shape[1])))
+
+
+class BoardProblem:
+    """See the module."""
+
+    def __init__(
+        self, sightings: BoardSightings, kinds: Sequence[LensKind], sigma_px: Float[np.ndarray, " camera"]
+    ) -> None:
+        self._sightings, self._kinds = sightings, tuple(kinds)
+        self.sigma_px = sigma_px
+        self._points_m = sightings.board.points_m
+        self._seen = sightings.seen
+        self.columns = _columns(self._kinds)
+        self._last: tuple[BoardBundle, _Image] | None = None
+
+    @property
+    def n_shared(self) -> int:
+        """Unknowns of the cameras."""
+        return self.columns.shape[1]
+
+    @property
+    def freedom(self) -> float:
+        """Share of the residuals that is not used up by unknowns."""
+        n_residuals = 2 * int(self._seen.sum())
+        return max(1 - (self.n_shared + 6 * len(self._seen)) / n_residuals, 1e-2)
+
+    def with_sigma(self, sigma_px: Float[np.ndarray, " camera"]) -> BoardProblem:
+        return BoardProblem(self._sightings, self._kinds, sigma_px)
+
+    def solve(self, start: BoardBundle) -> Solution[BoardBundle]:
+        return levenberg_marquardt(self, start, _MAX_ITERATIONS)
+
+    @property
+    def step_tolerance(self) -> float:
+        return _STEP_TOLERANCE_M
+
+    @property
+    def damping_scale(self) -> Float[np.ndarray, " unknown"]:
+        of_pose = np.repeat([_DISTANCE_M**2, 1.0], 3)
+        of_camera = np.append(of_pose, np.full(N_OF_LENS, _DISTANCE_M**2))
+        shared = np.max(np.tile(of_camera, len(self._kinds))[:, None] * self.columns, axis=0, initial=0.0)
+        return np.append(shared, np.tile(of_pose, len(self._seen)))
+
+    def step_size(self, step: Float[np.ndarray, " unknown"]) -> float:
+        return float(np.max(np.sqrt(self.damping_scale) * np.abs(step), initial=0.0))
+
+    def moved(self, state: BoardBundle, step: Float[np.ndarray, " unknown"]) -> BoardBundle:
+        shared, boards = step[: self.n_shared], step[self.n_shared :].reshape(-1, 6)
+        changes = (self.columns @ shared).reshape(-1, N_OF_CAMERA)
+        lenses = np.stack([moved_lens(lens, change[LENS]) for lens, change in zip(state.lenses, changes, strict=True)])
+        return BoardBundle(
+            moved_poses(state.world_T_camera, changes[:, POSE]), lenses, moved_poses(state.world_T_board, boards)
+        )
+
+    def residual_px(self, state: BoardBundle) -> Float[np.ndarray, "moment camera point 2"]:
+        """NaN where a corner is not seen."""
+        return self._image(state).residual_px
+
+    def error(self, state: BoardBundle) -> float:
+        return float(np.sum(self.losses(state)))
+
+    def losses(self, state: BoardBundle) -> Float[np.ndarray, " camera"]:
+        """The share of each camera in the error."""
+        squared = self._squared(self.residual_px(state))
+        return np.sum(robust_loss(squared, _KERNEL, _KERNEL_SCALE), axis=(0, 2))
+
+    def gradient(self, state: BoardBundle) -> Float[np.ndarray, " unknown"]:
+        residual, jacobian = self._linearized(state)
+        pull = np.einsum("tcr,tcrk->tck", residual, jacobian)
+        return np.concatenate([self.columns.T @ pull[..., :-6].sum(axis=0).ravel(), pull[..., -6:].sum(axis=1).ravel()])
+
+    def factorized(self, state: BoardBundle, damping: float) -> _Factorized | None:
+        from scipy.linalg import LinAlgError
+
+        try:
+            return self.equations(state, damping)
+        except (LinAlgError, np.linalg.LinAlgError):
+            return None
+
+    def equations(self, state: BoardBundle, damping: float = 0.0) -> _Factorized:
+        """Gauss-Newton's around a state. Raises LinAlgError: they are not positive definite."""
+        from scipy.linalg import cho_factor
+
+        _, jacobian = self._linearized(state)
+        products = jacobian.swapaxes(-1, -2) @ jacobian
+        n_moments, n_cameras = products.shape[:2]
+        of_cameras = np.zeros((n_cameras, N_OF_CAMERA, n_cameras, N_OF_CAMERA))
+        of_cameras[np.arange(n_cameras), :, np.arange(n_cameras)] = products[..., :-6, :-6].sum(axis=0)
+        n_rows = n_cameras * N_OF_CAMERA
+        shared = self.columns.T @ of_cameras.reshape(n_rows, n_rows) @ self.columns
+        cross = self.columns.T @ products[..., :-6, -6:].reshape(n_moments, n_rows, 6)
+        scale = self.damping_scale
+        boards = products[..., -6:, -6:].sum(axis=1) + damping * np.diag(scale[self.n_shared :][:6])
+        inverse_boards = np.linalg.inv(boards)
+        reduced = shared + damping * np.diag(scale[: self.n_shared])
+        reduced -= np.einsum("tsa,tra->sr", cross @ inverse_boards, cross, optimize=True)
+        return _Factorized(cho_factor(reduced), cross, inverse_boards)
+
+    def covariance(self, state: BoardBundle) -> Float[np.ndarray, "camera 15 camera 15"]:
+        """Marginal covariance of changes of the cameras; zero for what is held.
+
+        Raises:
+            LinAlgError: they are not determined.
+        """
+        full = self.columns @ self.equations(state).covariance() @ self.columns.T
+        n_cameras = len(self._kinds)
+        return full.reshape(n_cameras, N_OF_CAMERA, n_cameras, N_OF_CAMERA)
+
+    def _squared(self, residual_px: Float[np.ndarray, "moment camera point 2"]) -> Float[np.ndarray, ...]:
+        """In standard deviations; zero where nothing is seen."""
+        squared = np.sum(residual_px**2, axis=-1) / self.sigma_px[:, None] ** 2
+        return np.where(self._seen, squared, 0.0)
+
+    def _image(self, state: BoardBundle) -> _Image:
+        # The error, the gradient and the equations of a state are asked for one after the other.
+        if self._last is None or self._last[0] is not state:
+            self._last = state, self._imaged(state)
+        return self._last[1]
+
+    def _imaged(self, state: BoardBundle) -> _Image:
+        board_R, board_t = state.world_T_board[:, :3, :3], state.world_T_board[:, :3, 3]
+        in_world_m = self._points_m @ board_R.swapaxes(1, 2) + board_t[:, None]
+        camera_R, camera_t = state.world_T_camera[:, :3, :3], state.world_T_camera[:, :3, 3]
+        points_m = (in_world_m[:, None] - camera_t[:, None]) @ camera_R
+        residual_px = np.full((*self._seen.shape, 2), np.nan)
+        by_point, by_lens = np.zeros((*residual_px.shape, 3)), np.zeros((*residual_px.shape, N_OF_LENS))
+        for c, kind in enumerate(self._kinds):
+            seen = self._seen[:, c]
+            own_m = points_m[:, c][seen]
+            image_px, own_by_point, own_by_lens = image_of(own_m, state.lenses[c], kind.model)
+            behind = own_m[:, 2] < _MIN_DEPTH_M
+            own_by_point[behind], own_by_lens[behind] = 0.0, 0.0
+            difference = np.where(behind[:, None], _BEHIND_PX, image_px - self._sightings.points_px[:, c][seen])
+            for array, own in ((residual_px, difference), (by_point, own_by_point), (by_lens, own_by_lens)):
+                array[:, c][seen] = own
+        return _Image(residual_px, by_point, by_lens, points_m)
+
+    def _linearized(
+        self, state: BoardBundle
+    ) -> tuple[Float[np.ndarray, "moment camera row"], Float[np.ndarray, "moment camera row 21"]]:
+        """Whitened and weighted by the kernel: residuals and Jacobians by camera, lens and board."""
+        residual_px, by_point, by_lens, points_m = self._image(state)
+        weight = np.sqrt(robust_weight(self._squared(residual_px), _KERNEL, _KERNEL_SCALE)) / self.sigma_px[:, None]
+        weight = np.where(self._seen, weight, 0.0)[..., None]
+        camera_R_board = np.einsum("cji,tjk->tcik", state.world_T_camera[:, :3, :3], state.world_T_board[:, :3, :3])
+        by_board = by_point @ camera_R_board[:, :, None]
+        jacobian = np.concatenate(
+            [by_point @ cross_matrix(points_m), -by_point, by_lens, -by_board @ cross_matrix(self._points_m), by_board],
+            axis=-1,
+        )
+        n_moments, n_cameras, n_points = self._seen.shape
+        residual = weight * np.where(self._seen[..., None], residual_px, 0.0)
+        return (
+            residual.reshape(n_moments, n_cameras, 2 * n_points),
+            (weight[..., None] * jacobian).reshape(n_moments, n_cameras, 2 * n_points, -1),
+        )
+
+
+def cross_matrix(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3 3"]:
+    """v -> the matrix of v x."""
+    matrix = np.zeros((*vectors.shape, 3))
+    for row, column, axis in ((2, 1, 0), (0, 2, 1), (1, 0, 2)):
+        matrix[..., row, column], matrix[..., column, row] = vectors[..., axis], -vectors[..., axis]
+    return matrix
+
+
+def moved_poses(poses: Float[np.ndarray, "n 4 4"], changes: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 4 4"]:
+    """After small changes in their own frames."""
+    from scipy.spatial.transform import Rotation
+
+    moved = poses.copy()
+    moved[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec(changes[:, :3]).as_matrix()
+    moved[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], changes[:, 3:])
+    return moved
+
+
+def _columns(kinds: Sequence[LensKind]) -> Float[np.ndarray, "row shared"]:
+    """Changes of all cameras by the unknowns; the pose of the first has none."""
+    blocks = []
+    for c, kind in enumerate(kinds):
+        lens = kind.columns
+        n_pose = 6 if c else 0
+        block = np.zeros((N_OF_CAMERA, n_pose + lens.shape[1]))
+        block[POSE, :n_pose] = np.eye(6)[:, :n_pose]
+        block[LENS, n_pose:] = lens
+        blocks.append(block)
+    columns = np.zeros((N_OF_CAMERA * len(kinds), sum(block.shape[1] for block in blocks)))
+    at = 0
+    for c, block in enumerate(blocks):
+        columns[N_OF_CAMERA * c : N_OF_CAMERA * (c + 1), at : at + block.shape[1]] = block
+        at += block.shape[1]
+    return columns

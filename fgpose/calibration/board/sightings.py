@@ -1,0 +1,63 @@
+"""What the cameras saw of a board."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.calibration.board.board import Board
+
+MIN_POINTS = 6
+"""Of a board in a view: fewer say little of its pose."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A view of the board that is not used."""
+
+    camera: str
+    time_s: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class BoardSightings:
+    """Corners of one board, seen by several cameras at the same moments."""
+
+    board: Board
+    camera_names: tuple[str, ...]
+    sizes_px: tuple[tuple[int, int], ...]
+    """Width and height of the images of each camera."""
+    time_s: Float[np.ndarray, " moment"]
+    """Increasing, by the common clock."""
+    points_px: Float[np.ndarray, "moment camera point 2"]
+    """Pixels of the original, distorted images; NaN = missing."""
+    left_out: tuple[LeftOut, ...] = ()
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "moment camera point"]:
+        return np.asarray(np.isfinite(self.points_px).all(axis=-1))
+
+    @property
+    def shows_board(self) -> Bool[np.ndarray, "moment camera"]:
+        return np.asarray(self.seen.any(axis=-1))
+
+    def of_camera(self, c: int) -> BoardSightings:
+        """Of one camera, at the moments at which it sees the board."""
+        sees = self.shows_board[:, c]
+        return replace(
+            self,
+            camera_names=self.camera_names[c : c + 1],
+            sizes_px=self.sizes_px[c : c + 1],
+            time_s=self.time_s[sees],
+            points_px=self.points_px[sees, c : c + 1],
+        )
+
+    def without(self, views: Bool[np.ndarray, "moment camera"], reasons: Sequence[LeftOut]) -> BoardSightings:
+        """Without some views, and without moments at which then nobody sees the board."""
+        points_px = np.where(views[..., None, None], np.nan, self.points_px)
+        kept = np.isfinite(points_px).any(axis=(1, 2, 3))
+        return replace(self, time_s=self.time_s[kept], points_px=points_px[kept], left_out=(*self.left_out, *reasons))

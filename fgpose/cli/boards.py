@@ -1,0 +1,112 @@
+"""Boards on the command line: drawing one, and calibrating cameras with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from fgpose.cli.console import new_console, new_table, print_written, progress_bar
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fgpose.calibration.board.calibrate import CalibratedFromBoards
+    from fgpose.monocular.clips import Clip
+
+_DESCRIBED = (
+    "charuco:7x5:30mm:22mm:DICT_5X5_100 (squares, side, side of the markers, dictionary), chessboard:9x6:25mm (inner "
+    "corners, side), circles:4x11:20mm (staggered; in a row, rows, distance of the rows), or a file that describes one "
+    "(board.toml; Pose2Sim, anipose, caliscope, OpenCV)."
+)
+_BOARD = f"Calibrate with a board that is carried before the cameras, instead of people: {_DESCRIBED}"
+_LENS = "Of --board: the model of the lenses. auto: pinhole, or fisheye where that explains the views clearly better."
+_ORIGIN = (
+    "Of --board: where the world is. board: the board at the first moment, or at another with board@12.5, as it lies "
+    "on the floor. camera: the first camera. level: at the first camera, z up as far as the cameras stand level."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Board:
+    """Draw a board for calibration as a PDF in its true size.
+
+    It is drawn as lines, so that it is exact. Print it at 100 %, not fitted to the page, and measure the line of 100 mm
+    below it.
+
+    Example: fgpose board charuco:7x5:30mm:22mm:DICT_5X5_100 -o board.pdf
+    """
+
+    board: Annotated[Positional[str], arg(metavar="BOARD", help=_DESCRIBED)]
+    output: Annotated[Path, arg(metavar="FILE", aliases=("-o",))] = Path("board.pdf")
+    """The PDF."""
+
+    def run(self) -> None:
+        from fgpose.calibration.board.board import load_board
+        from fgpose.calibration.board.drawing import save_board
+
+        if self.output.suffix.lower() != ".pdf":
+            raise ValueError(f"{self.output}: a board is written as .pdf")
+        board = load_board(self.board)
+        sheet = save_board(board, self.output)
+        console = new_console()
+        size = f"{1e3 * sheet.width_m:.0f} x {1e3 * sheet.height_m:.0f} mm"
+        console.print(f"{board.text} on {sheet.name} ({size}). Print it at 100 %.", soft_wrap=True)
+        print_written(console, self.output)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardOptions:
+    """How cameras are calibrated with a board."""
+
+    board: Annotated[str | None, arg(metavar="BOARD", help=_BOARD, help_behavior_hint="(default: none)")] = None
+    lens: Annotated[Literal["auto", "pinhole", "fisheye"], arg(help=_LENS)] = "auto"
+    origin: Annotated[str, arg(metavar="board|camera|level", help=_ORIGIN)] = "board"
+
+    def check_board(self) -> None:
+        """Raise ValueError, before any work, for what cannot be."""
+        from fgpose.calibration.board.board import load_board
+        from fgpose.calibration.board.world import parse_origin
+
+        if self.board is None:
+            if self.lens != "auto" or self.origin != "board":
+                raise ValueError("--lens and --origin are of a calibration with --board")
+            return
+        load_board(self.board)
+        parse_origin(self.origin)
+
+    def calibrated_with_board(self, clips: Sequence[Clip], intrinsics: Path | None) -> CalibratedFromBoards:
+        """The result, with progress bars."""
+        from fgpose.calibration.board.board import load_board
+        from fgpose.calibration.board.calibrate import calibrate_from_boards
+        from fgpose.calibration.board.filmed import boards_in
+        from fgpose.calibration.board.world import parse_origin
+        from fgpose.io.calibration import load_intrinsics
+
+        assert self.board is not None
+        known = None
+        if intrinsics is not None:
+            known = load_intrinsics(intrinsics, [clip.name for clip in clips], [clip.size_px for clip in clips])
+        with progress_bar("looking for boards", "images") as progress:
+            sightings = boards_in(clips, load_board(self.board), progress=progress)
+        with progress_bar("calibrating", "steps") as progress:
+            return calibrate_from_boards(
+                sightings, intrinsics=known, lens=self.lens, origin=parse_origin(self.origin), progress=progress
+            )
+
+
+def print_board_calibration(console: Console, result: CalibratedFromBoards, written: Sequence[Path]) -> None:
+    """A table of the cameras, how well all is known, the verdict with its reasons, and the files."""
+    from fgpose.pipeline.board_report import board_rows, board_summary
+    from fgpose.pipeline.calibration_report import verdict
+
+    table = new_table("", *result.rig.names)
+    for quantity, values in board_rows(result).items():
+        table.add_row(quantity, *values)
+    console.print(table)
+    for line in (*board_summary(result), *verdict(result.findings, result.grade)):
+        console.print(line)
+    print_written(console, *written)

@@ -1,0 +1,75 @@
+"""Boards in rendered images against where their corners are."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from filmed_boards import small
+
+from fgpose.calibration.board.board import parse_board
+from fgpose.calibration.board.detection import blur_px, detector_of, opencv_charuco
+from fgpose_benchmarks.synthetic.board_images import render
+from fgpose_benchmarks.synthetic.boards import seen_px, simulate_boards
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "charuco:6x5:160mm:120mm:DICT_4X4_50",
+        "charuco:6x6:140mm:105mm:DICT_4X4_50",
+        "chessboard:7x4:110mm",
+        "circles:4x7:70mm",
+    ],
+)
+def test_corners_are_where_they_are(text: str) -> None:
+    board = parse_board(text)
+    scene = simulate_boards(1, 2, noise_px=0, n_common=4, n_near=3, board=board, radius_m=2.2)
+    camera, detector = small(scene.rig.cameras[0]), detector_of(board)
+    errors_px = list[np.ndarray]()
+    for pose in scene.world_T_board:
+        true_px = seen_px(type(scene.rig)((camera,)), pose, board)[0]
+        found_px = detector.find(render(camera, pose, board, 0.5))
+        if found_px is not None and np.isfinite(true_px).all():
+            errors_px.append(np.linalg.norm(found_px - true_px, axis=1))
+    assert len(errors_px) >= 3
+    # OpenCV's corners are good to some hundredths of a pixel; centres of tilted circles are not those of their images.
+    assert np.nanmedian(np.concatenate(errors_px)) < 0.15
+
+
+def test_the_first_corner_is_the_same_upside_down() -> None:
+    board = parse_board("chessboard:7x4:110mm")
+    scene = simulate_boards(1, 2, noise_px=0, n_common=1, n_near=0, board=board, radius_m=2.2)
+    camera, detector = small(scene.rig.cameras[0]), detector_of(board)
+    image = render(camera, scene.world_T_board[-1], board, 0.5)
+    upright_px, turned_px = detector.find(image), detector.find(np.ascontiguousarray(image[::-1, ::-1]))
+    assert upright_px is not None
+    assert turned_px is not None
+    np.testing.assert_allclose(np.array(camera.size_px) - 1 - turned_px, upright_px, atol=0.2)
+
+
+def test_boards_as_opencv_drew_them_before_4_6() -> None:
+    board = parse_board("charuco:6x6:30mm:22mm:DICT_4X4_50")
+    for legacy in (False, True):
+        image = np.asarray(opencv_charuco(board, legacy=legacy).generateImage((420, 420), marginSize=30))
+        found_px = detector_of(board).find(image)
+        assert found_px is not None
+        np.testing.assert_allclose(found_px, board.points_m[:, :2] / board.square_m * 60 + 29.5, atol=0.6)
+
+
+def test_no_board_is_no_board() -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (240, 320), dtype=np.uint8)
+    for text in ("charuco:6x5:160mm:120mm", "chessboard:7x4:110mm", "circles:4x7:70mm"):
+        assert detector_of(parse_board(text)).find(noise) is None
+
+
+def test_blur_is_the_width_of_the_edges() -> None:
+    board = parse_board("charuco:6x5:160mm:120mm:DICT_4X4_50")
+    image = np.asarray(opencv_charuco(board).generateImage((360, 300)))
+    points_px = board.points_m[:, :2] / board.square_m * 60 - 0.5
+    widths = [blur_px(np.asarray(cv2.GaussianBlur(image, (0, 0), sigma)), points_px) for sigma in (0.5, 1.0, 2.0, 4.0)]
+    assert np.all(np.diff(widths) > 0)
+    # An edge that is blurred by a Gaussian is sqrt(2 pi) standard deviations wide.
+    assert widths[2] == pytest.approx(np.sqrt(2 * np.pi) * 2.0, rel=0.2)
+    # Light and contrast do not count.
+    assert blur_px((image // 3 + 20).astype(np.uint8), points_px) == pytest.approx(blur_px(image, points_px), rel=0.05)

@@ -1,0 +1,120 @@
+"""fgpose board and fgpose calibrate --board on rendered images."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from filmed_boards import FILMED, film
+
+import fgpose
+from fgpose.cli import main
+from fgpose.io.calibration import load_calibration_origin, save_rig
+from fgpose.io.made_by import made_by
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, fgpose.CameraRig]:
+    folder = tmp_path_factory.mktemp("filmed") / "images"
+    return folder, film(folder)
+
+
+def failure(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    assert main(arguments) == 2
+    return " ".join(capsys.readouterr().err.split())
+
+
+def test_images_become_a_rig(
+    filmed: tuple[Path, fgpose.CameraRig], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, true = filmed
+    path = tmp_path / "rig.toml"
+    assert main(["calibrate", str(folder), "--board", FILMED.text, "-o", str(path)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "Verdict: " in printed
+    assert f"The board {FILMED.text} at" in printed
+    assert f"wrote {path}" in printed
+    rig = fgpose.load_rig(path)
+    assert rig.names == true.names
+    apart_m, truly_m = (np.linalg.norm(np.diff(each.positions_m, axis=0)) for each in (rig, true))
+    # Corners of small images are good to 0.1 px; 1 % of the focal length would be 44 mm.
+    assert apart_m == pytest.approx(truly_m, rel=0.01)
+    np.testing.assert_allclose(rig.focal_px, true.focal_px, rtol=0.01)
+    assert (tmp_path / "rig.rrd").stat().st_size > 0
+    assert load_calibration_origin(path).grade in ("good", "coarse")
+    assert made_by(path) == "calibrate"
+
+
+def test_with_lenses_that_are_known(filmed: tuple[Path, fgpose.CameraRig], tmp_path: Path) -> None:
+    folder, true = filmed
+    save_rig(true, tmp_path / "Lens.toml")
+    options = ["--intrinsics", str(tmp_path / "Lens.toml"), "--origin", "camera", "--no-rrd"]
+    assert main(["calibrate", str(folder), "--board", FILMED.text, *options, "-o", str(tmp_path / "rig.npz")]) == 0
+    rig = fgpose.load_rig(tmp_path / "rig.npz")
+    np.testing.assert_allclose(rig.K, true.K, atol=1e-3)
+    np.testing.assert_allclose(rig.cameras[0].world_T_camera, np.eye(4), atol=1e-9)
+
+
+def test_a_failed_calibration_writes_no_rig(
+    filmed: tuple[Path, fgpose.CameraRig],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
+
+    reason = CalibrationFinding("ring_1", Grade.FAILED, "it is upside down", "turn it")
+    monkeypatch.setattr("fgpose.calibration.board.calibrate.findings", lambda inputs: (reason,))
+    path = tmp_path / "rig.toml"
+    assert main(["calibrate", str(filmed[0]), "--board", FILMED.text, "-o", str(path)]) == 1
+    captured = capsys.readouterr()
+    assert "- failed, camera ring_1: it is upside down. Remedy: turn it." in captured.out
+    assert f"{path} was not written" in " ".join(captured.err.split())
+    assert not path.exists()
+    assert path.with_suffix(".rrd").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--board", "chessboard:9x6"], "does not have the parts of a chessboard board"),
+        (["--board", "no/such.toml"], "no/such.toml"),
+        (["--board", FILMED.text, "--height", "1.8"], "--board takes scale and lenses from the board"),
+        (["--board", FILMED.text, "--origin", "floor"], "the origin is board, board@SECONDS, camera or level"),
+        (["--lens", "fisheye"], "--lens and --origin are of a calibration with --board"),
+        (["--board", FILMED.text, "--cameras", "ring_0", "ring_7"], "ring_7"),
+        (["--board", FILMED.text, "--intrinsics", "no/such.yml"], "no/such.yml"),
+        (["--board", "charuco:6x5:160mm:120mm:DICT_6X6_50"], "camera ring_0, ring_1: no image shows charuco:6x5"),
+    ],
+)
+def test_bad_input_is_one_error(
+    options: list[str],
+    message: str,
+    filmed: tuple[Path, fgpose.CameraRig],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert message in failure(["calibrate", str(filmed[0]), *options, "-o", str(tmp_path / "rig.toml")], capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_image_of_another_size_is_named(
+    filmed: tuple[Path, fgpose.CameraRig], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import cv2
+
+    folder = tmp_path / "images"
+    shutil.copytree(filmed[0], folder)
+    cv2.imwrite(str(folder / "ring_1" / "003.png"), np.zeros((50, 50), np.uint8))
+    arguments = ["calibrate", str(folder), "--board", FILMED.text, "-o", str(tmp_path / "rig.toml")]
+    assert "ring_1, image 3: its size is not that of the first image" in failure(arguments, capsys)
+
+
+def test_a_board_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "board.pdf"
+    assert main(["board", "charuco:7x5:30mm:22mm:DICT_5X5_100", "-o", str(path)]) == 0
+    assert "charuco:7x5:30mm:22mm:DICT_5X5_100 on A4 (297 x 210 mm). Print it at 100 %." in capsys.readouterr().out
+    assert path.read_bytes().startswith(b"%PDF-1.4")
+    assert "a board is written as .pdf" in failure(["board", "chessboard:9x6:25mm", "-o", "board.png"], capsys)

@@ -1,0 +1,46 @@
+"""A board before small cameras, rendered: few images, quickly found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from fgpose.calibration.board.board import Board
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose_benchmarks.synthetic.board_images import render
+from fgpose_benchmarks.synthetic.boards import simulate_boards
+
+FILMED = Board("charuco", (6, 5), 0.16, 0.12, "DICT_4X4_50")
+SHRUNK = 3.0  # Full HD becomes 640 x 360
+
+
+def small(camera: Camera) -> Camera:
+    """The same camera with smaller images."""
+    K = camera.K.copy()
+    # The middle of the first pixel is at 0.
+    K[:2] /= SHRUNK
+    K[:2, 2] += (1 / SHRUNK - 1) / 2
+    width, height = camera.size_px
+    return replace(camera, K=K, size_px=(round(width / SHRUNK), round(height / SHRUNK)))
+
+
+def film(folder: Path, n_common: int = 8, seed: int = 3) -> CameraRig:
+    """A folder of images for each of two cameras that stand side by side in a ring of four. Returns the true rig."""
+    scene = simulate_boards(4, seed, board=FILMED, n_common=4 * n_common, n_near=9, radius_m=2.2)
+    rig = CameraRig(tuple(small(camera) for camera in scene.rig.cameras[:2]))
+    seen = scene.sightings.shows_board[:, :2]
+    # The board on the floor, in the gap between both, and near to each of them.
+    common = 1 + 4 * np.arange(n_common)
+    moments = [0, *common.tolist(), *range(1 + 4 * n_common, 1 + 4 * n_common + 18)]
+    for c, camera in enumerate(rig.cameras):
+        (folder / camera.name).mkdir(parents=True)
+        for number, t in enumerate(moments):
+            width, height = camera.size_px
+            image = np.full((height, width), 128, np.uint8)
+            if seen[t, c]:
+                image = render(camera, scene.world_T_board[t], FILMED, 0.5)
+            cv2.imwrite(str(folder / camera.name / f"{number:03d}.png"), image)
+    return rig
