@@ -56,16 +56,24 @@ class Source(Generic[Recording]):
         origin = self.origin and replace(self.origin, chosen=str(chosen))
         return Source(rig, people.of_person(chosen.seen), origin, chosen)
 
-    def one_or_all(self: Source[PeopleObservations], config: TrackingConfig | None = None) -> AnySource:
+    def everybody(self) -> Source[PeopleObservations]:
+        """The same as of any number of people."""
+        seen = self.observations
+        people = seen if isinstance(seen, PeopleObservations) else PeopleObservations.of_one(seen)
+        return Source(self.rig, people, self.origin, self.chosen, self.succession)
+
+    def one_or_all(self, config: TrackingConfig | None = None) -> AnySource:
         """Everybody where an image shows more than one, or where somebody comes after somebody else has gone; else the
         one who is there."""
         people = self.observations
-        if people.n_most > 1:
-            return self
-        succession = successive(people, self.rig, config)
+        if isinstance(people, PeopleObservations):
+            if people.n_most > 1:
+                return self
+            people = people.of_person(people.only())
+        succession = successive(self.observations, self.rig, config)
         if succession is not None and succession.n_people > 1:
-            return replace(self, succession=succession)
-        return Source(self.rig, people.of_person(people.only()), self.origin, succession=succession)
+            return replace(self, observations=succession.association.observations, succession=succession)
+        return Source(self.rig, people, self.origin, succession=succession)
 
     def confident(self, least: float) -> Source[Recording]:
         """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
