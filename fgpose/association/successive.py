@@ -21,11 +21,11 @@ from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import PeopleObservations
+from fgpose.sampling import parts_of
 
 # Who is located without such a gap, and never farther away than somebody can run meanwhile, is one person.
 _GAP_S, _RUNS_MPS, _NEAR_M = 0.25, 6.0, 0.5
 _SOME_JOINTS, _SOME_FRAMES = 6, 3  # their median tells where somebody is
-_FRAMES_AT_ONCE = 5000  # bounds the memory of intermediate arrays
 # Who is there for less is a false detection, or not worth a result.
 _LEAST_S = 1.0
 # Two whose times overlap by more of the shorter time are not one after the other: cameras disagree about one person.
@@ -122,8 +122,7 @@ class _Places:
     def of(seen: Observations, rig: CameraRig) -> _Places:
         joints = np.unique(np.linspace(0, seen.skeleton.n_joints - 1, _SOME_JOINTS).astype(int))
         middle_m = np.full((seen.n_frames, 3), np.nan)
-        for start in range(0, seen.n_frames, _FRAMES_AT_ONCE):
-            part = slice(start, start + _FRAMES_AT_ONCE)
+        for part in parts_of(seen.n_frames):
             points_px = rig.undistort(seen.points2d_px[part][:, :, joints])
             some_m = triangulate_robust(points_px, seen.confidence[part][:, :, joints], rig).positions_m
             located = np.isfinite(some_m).all(axis=-1).any(axis=-1)
