@@ -42,6 +42,8 @@ class Result:
     """How long each update of the online estimators took, milliseconds."""
     n_repairs: int = 0
     """How often GTSAM failed in the online estimators, and their windows were eliminated anew."""
+    compared_every: int = 1
+    """Results that are not saved have one frame in so many."""
     diagnosis: Diagnosis | None = None
     """What is probably wrong with it (fgpose.pipeline.diagnosed); None: nobody has looked."""
 
@@ -96,7 +98,7 @@ def _show_compared(result: Result, recording: Recording) -> None:
         weights = weights * np.nan_to_num(main.visibility)
     recording.log_observations(source.observations, weights, evidence.undistorted_px)
     for name, people in result.trajectories.items():
-        recording.log_trajectory(name, people[0])
+        recording.log_trajectory(name, people[0], 1 if name in result.saved else result.compared_every)
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
     if "refined" not in result.saved:
         recording.log_residuals(main.time_s, _residuals(main, evidence, source.rig, config))

@@ -107,15 +107,16 @@ class Recording(Session):
             ValueError: the skeleton, the cameras or the shape of the weights differ.
         """
 
-    def log_trajectory(self, name: str, trajectory: Trajectory) -> None:
+    def log_trajectory(self, name: str, trajectory: Trajectory, every: int = 1) -> None:
         """Show a result: skeleton, uncertainty and status of its joints, reprojections, bone lengths, errors.
 
         Args:
             name: one of the names that the recording was opened with.
             trajectory: the whole recording.
+            every: it has one frame in so many, from the first on.
 
         Raises:
-            ValueError: the name is unknown, or the skeleton or the cameras differ.
+            ValueError: the name is unknown, the skeleton or the cameras differ, or it lacks frames that are shown.
         """
 
     def log_residuals(

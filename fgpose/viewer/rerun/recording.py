@@ -109,9 +109,11 @@ class RerunRecording(RerunSession, Recording):
         rows = observation_rows(shown, self._rig, weights, undistorted_px)
         self._send(rows, shown.frame_time_s, step=self._every)
 
-    def log_trajectory(self, name: str, trajectory: Trajectory) -> None:
+    def log_trajectory(self, name: str, trajectory: Trajectory, every: int = 1) -> None:
         self._check_trajectory(name, trajectory)
-        shown = trajectory.frames(self._kept)
+        if self._every % every:
+            raise ValueError(f"trajectory {name} has one frame in {every}, the recording shows one in {self._every}")
+        shown = trajectory.frames(slice(None, None, self._every // every))
         self._send(trajectory_rows(name, shown, self._rig, *self._look(name)), shown.time_s, step=self._every)
 
     def log_residuals(
