@@ -61,7 +61,7 @@ def run_smooth(
             known = replace(known, rig=rig, observations=source.observations)
         people = smooth_people(source.observations, source.rig, config, progress, known, unfinished)
         return Result(source, config, {"smoothed": people.trajectories}, ("smoothed",), people.association)
-    evidence, given = source.evidence(config), (source.observations.skeleton, source.rig, config)
+    evidence, given = source.gathered(config), (source.observations.skeleton, source.rig, config)
     smoothed = smooth_evidence(evidence, *given, progress, unfinished)
     if not compare:
         return _of_one(source, config, {"smoothed": smoothed}, "smoothed")

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fgpose.config import Config
+from fgpose.estimation import smoother
+from fgpose.estimation.evidence import gathered
+from fgpose.estimation.segment import Segment
+from fgpose.estimation.solution import Solution
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
@@ -62,3 +68,31 @@ def test_a_file_of_one_person_is_read_into_the_arrays_of_the_recording(
         return load_source(tmp_path / f"{part.n_frames}.npz", tmp_path / "rig.toml", skeleton)
 
     assert growth(load, recording) < 2.0
+
+
+def test_evidence_of_a_long_recording_is_made_where_it_is_needed(
+    recording: Observations, rig: CameraRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is needed of all frames (guesses, credibilities), and sums of the confidences."""
+    monkeypatch.setattr(gathered, "LONG_FRAMES", SHORT - 1)
+    assert growth(lambda part: gathered.gather_long(part, rig, Config()), recording) < 1.0
+
+
+def test_the_smoother_keeps_its_result_and_little_else(
+    recording: Observations, rig: CameraRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A result takes 1.7 times the observations, most of it covariances; the rest is first guesses."""
+    monkeypatch.setattr(gathered, "LONG_FRAMES", SHORT - 1)
+    monkeypatch.setattr(smoother, "_solve", first_guess)
+
+    def smoothed(part: Observations) -> object:
+        return smoother.smooth(part, rig, unfinished=tmp_path / str(part.n_frames))
+
+    assert growth(smoothed, recording) < 3.0
+
+
+def first_guess(segment: Segment) -> Solution:
+    """In place of the optimum: what it takes to find that depends on the window, not on the recording."""
+    nobody = Solution.of_nobody(segment)
+    covariance_m2 = np.broadcast_to(1e-4 * np.eye(3), (*segment.active.shape, 3, 3)).copy()
+    return replace(nobody, positions_m=segment.evidence.guess_m, covariance_m2=covariance_m2)

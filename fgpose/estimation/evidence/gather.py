@@ -23,7 +23,8 @@ from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 from fgpose_factors.robust_statistics import robust_sigma
 
-_FRAMES_AT_ONCE = 1000  # bounds the memory of intermediate arrays
+FRAMES_AT_ONCE = 1000
+"""Bounds the memory of intermediate arrays."""
 _FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
 # So many depths of a view tell their spread: 17 joints for 30 frames. The depths of a body share most of their error,
 # which is correlated in time, so fewer would tell the error of that moment.
@@ -52,7 +53,7 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
     bodies.refuse_millimetres()
     if not bodies.implausible.any() or bodies.are_mostly_implausible:
         return evidence
-    return _without(evidence, observations, bodies.implausible, rig, config)
+    return without(evidence, observations, bodies.implausible, rig, config)
 
 
 def gather_frame(
@@ -68,7 +69,7 @@ def gather_frame(
     evidence = _gather(frame, rig, config, credible)
     bodies = _bodies(evidence, frame.skeleton)
     if may_leave_out and bodies.implausible.any():
-        evidence = _without(evidence, frame, bodies.implausible, rig, config)
+        evidence = without(evidence, frame, bodies.implausible, rig, config)
     return evidence, bodies
 
 
@@ -76,7 +77,7 @@ def _bodies(evidence: Evidence, skeleton: Skeleton) -> Bodies:
     return Bodies.of(evidence.guess_m, evidence.n_views, evidence.implausible, skeleton)
 
 
-def _without(
+def without(
     evidence: Evidence,
     observations: Observations,
     frames: Bool[np.ndarray, " frame"],
@@ -123,12 +124,12 @@ def _gather(
 def _in_parts(
     observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
 ) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
-    """_without_depths, of a long recording part by part."""
-    if observations.n_frames <= _FRAMES_AT_ONCE:
-        return _without_depths(observations, rig, config, credible)
+    """without_depths, of a long recording part by part."""
+    if observations.n_frames <= FRAMES_AT_ONCE:
+        return without_depths(observations, rig, config, credible)
     whole: dict[str, np.ndarray] = {}
-    for part in parts_of(observations.n_frames, _FRAMES_AT_ONCE):
-        evidence, triangulated_m = _without_depths(observations.frames(part), rig, config, credible[part])
+    for part in parts_of(observations.n_frames, FRAMES_AT_ONCE):
+        evidence, triangulated_m = without_depths(observations.frames(part), rig, config, credible[part])
         for name, values in (vars(evidence) | {"triangulated_m": triangulated_m}).items():
             if name not in whole:
                 whole[name] = _of_all_frames(values, observations.n_frames)
@@ -144,7 +145,7 @@ def _of_all_frames(of_some: np.ndarray, n_frames: int) -> np.ndarray:
     return np.broadcast_to(of_some[0], shape) if is_same_in_all_frames(of_some) else np.empty(shape, of_some.dtype)
 
 
-def _without_depths(
+def without_depths(
     observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
 ) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
     """The evidence but for the depths of the views, and the triangulated joints; frame by frame."""
