@@ -219,4 +219,4 @@ def _median_px(trajectory: Trajectory, camera: int | None = None) -> float:
         return np.nan
     of_camera = trajectory.residual_px if camera is None else trajectory.residual_px[:, camera]
     known = of_camera[np.isfinite(of_camera)]
-    return float(np.median(known)) if known.size else np.nan
+    return float(np.median(known, overwrite_input=True)) if known.size else np.nan
