@@ -52,7 +52,7 @@ class Observations(Shown):
     def __post_init__(self) -> None:
         if not isinstance(self.skeleton, Skeleton):
             raise TypeError(f"skeleton must be a Skeleton, as fgpose.load_skeleton({self.skeleton!r}) gives one")
-        points2d_px = np.array(self.points2d_px, dtype=float)
+        points2d_px = _own(self.points2d_px)
         if points2d_px.ndim != 4 or points2d_px.shape[3] != 2:
             raise ValueError(f"points2d_px must be (frames, cameras, joints, 2), got {points2d_px.shape}")
         n_frames, n_cameras, n_joints, _ = points2d_px.shape
@@ -71,7 +71,7 @@ class Observations(Shown):
         if points3d_m is not None and self.covariance3d_m2 is not None:
             covariance3d_m2 = self._checked_covariance(points3d_m)
         confidence = self._checked_confidence(points2d_px)
-        points2d_px[confidence == 0] = np.nan
+        points2d_px = _with(points2d_px, (confidence == 0) & ~np.isnan(points2d_px).all(axis=-1), np.nan)
         self._refuse_infinite("points2d_px", points2d_px)
         self._store(
             points2d_px=points2d_px,
@@ -98,7 +98,7 @@ class Observations(Shown):
 
     def _checked_confidence(self, points2d_px: np.ndarray) -> np.ndarray:
         known = ~np.isnan(points2d_px).any(axis=-1)
-        confidence = np.array(self.confidence, dtype=float)
+        confidence = _own(self.confidence)
         if confidence.ndim == 0:
             confidence = np.full(known.shape, float(confidence))
         if confidence.shape != known.shape:
@@ -107,26 +107,28 @@ class Observations(Shown):
         if outside.any():
             value = confidence[outside][0]
             raise ValueError(f"confidence {value:g} is outside [0, 1] at {self._where(outside)}")
-        confidence[~known] = 0.0
-        return confidence
+        return _with(confidence, ~known & (confidence != 0), 0.0)
 
     def _checked_points3d(self, n_frames: int, n_cameras: int, n_joints: int) -> np.ndarray:
-        points3d_m = np.array(self.points3d_m, dtype=float)
+        assert self.points3d_m is not None
+        points3d_m = _own(self.points3d_m)
         if points3d_m.shape != (n_frames, n_cameras, n_joints, 3):
             raise ValueError(
                 f"points3d_m must be {(n_frames, n_cameras, n_joints, 3)} as points2d_px is, got {points3d_m.shape}"
             )
         self._refuse_infinite("points3d_m", points3d_m)
-        points3d_m[np.isnan(points3d_m).any(axis=-1)] = np.nan
+        unknown = np.isnan(points3d_m)
+        points3d_m = _with(points3d_m, np.asarray(unknown.any(axis=-1) & ~unknown.all(axis=-1)), np.nan)
         refuse_millimetres(points3d_m)
         return points3d_m
 
     def _checked_covariance(self, points3d_m: np.ndarray) -> np.ndarray:
-        covariance_m2 = np.array(self.covariance3d_m2, dtype=float)
+        assert self.covariance3d_m2 is not None
+        covariance_m2 = _own(self.covariance3d_m2)
         if covariance_m2.shape != (*points3d_m.shape, 3):
             raise ValueError(f"covariance3d_m2 must be {(*points3d_m.shape, 3)}, got {covariance_m2.shape}")
         known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
-        covariance_m2[~known] = np.nan
+        covariance_m2 = _with(covariance_m2, ~known & ~np.isnan(covariance_m2).all(axis=(-1, -2)), np.nan)
         wrong = known & ~np.isfinite(covariance_m2).all(axis=(-1, -2))
         wrong |= known & ~positive_definite(covariance_m2)
         if wrong.any():
@@ -211,12 +213,23 @@ class Observations(Shown):
                 f"the keypoints have no camera {', '.join(unknown)}; they have {', '.join(self.camera_names)}"
             )
         kept = [self.camera_names.index(name) for name in camera_names]
+        if kept == list(range(self.n_cameras)):
+            return self
         return replace(
             self,
             camera_names=tuple(camera_names),
-            time_s=self.time_s if self.time_s.ndim == 1 else self.time_s[:, kept],
+            time_s=self._times_of(kept),
             **self.per_detection(lambda array: array[:, kept]),
         )
+
+    def _times_of(self, cameras: list[int]) -> np.ndarray:
+        """Of some cameras. A frame without an image of any keeps its time."""
+        if self.time_s.ndim == 1:
+            return self.time_s
+        time_s = self.time_s[:, cameras]
+        empty = np.isnan(time_s).all(axis=1)
+        time_s[empty] = self.frame_time_s[empty, None]
+        return time_s
 
     def with_cameras(self, camera_names: tuple[str, ...]) -> Observations:
         """The same frames for these cameras in this order; a camera that is not there saw nothing.
@@ -259,6 +272,22 @@ class Observations(Shown):
             check_cameras(self.camera_names, rig_names)
 
 
+def _own(values: np.ndarray) -> np.ndarray:
+    """As numbers that nobody else changes: a copy, unless they are of other observations, which are shared."""
+    if not isinstance(values, np.ndarray) or values.dtype != float or values.flags.writeable:
+        return np.array(values, dtype=float)
+    owner = values if values.base is None else values.base
+    return values if isinstance(owner, np.ndarray) and not owner.flags.writeable else values.copy()
+
+
+def _with(array: np.ndarray, where: np.ndarray, value: float) -> np.ndarray:
+    """With this value in some places; changed itself if it is not shared."""
+    if where.any():
+        array = array if array.flags.writeable else array.copy()
+        array[where] = value
+    return array
+
+
 def check_cameras(camera_names: tuple[str, ...], rig_names: tuple[str, ...]) -> None:
     """Raise ValueError unless the rig has exactly the cameras of the keypoints in their order."""
     if camera_names == rig_names:
@@ -282,7 +311,7 @@ def check_cameras(camera_names: tuple[str, ...], rig_names: tuple[str, ...]) -> 
 def is_infinite(numbers: Float[np.ndarray, "*shape"]) -> Bool[np.ndarray, "*shape"]:
     """Whether each of these pixels or metres is infinite, or beyond 1e30, which is the same to those who compute with
     it; False for NaN."""
-    return np.asarray(np.abs(numbers) > _LARGEST)
+    return np.asarray((numbers > _LARGEST) | (numbers < -_LARGEST))
 
 
 def positive_definite(matrices: Float[np.ndarray, "*shape 3 3"]) -> Bool[np.ndarray, "*shape"]:

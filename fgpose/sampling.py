@@ -83,6 +83,11 @@ def spread_evenly(n_frames: int, at_most: int) -> Int[np.ndarray, " sample"]:
     return np.unique(np.linspace(0, n_frames - 1, min(n_frames, at_most)).round().astype(int))
 
 
+def parts_of(n_frames: int, at_once: int = 1000) -> list[slice]:
+    """Consecutive frames, so many at once, so that the memory of what is made of them is bounded."""
+    return [slice(start, min(start + at_once, n_frames)) for start in range(0, n_frames, at_once)]
+
+
 def stretches(chosen: Bool[np.ndarray, " frame"]) -> list[tuple[int, int]]:
     """First and one past the last of each run of frames that are chosen."""
     edges = np.flatnonzero(np.diff(chosen.astype(int), prepend=0, append=0)).reshape(-1, 2)

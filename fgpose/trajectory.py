@@ -274,6 +274,8 @@ class Trajectory(Motion):
 
     def turned(self, rotation: Float[np.ndarray, "3 3"]) -> Trajectory:
         """The same motion in a world that is turned: every position times this rotation."""
+        if (rotation == np.eye(3)).all():
+            return self
         covariance_m2 = None if self.covariance_m2 is None else rotation @ self.covariance_m2 @ rotation.T
         return replace(self, positions_m=self.positions_m @ rotation.T, covariance_m2=covariance_m2)
 

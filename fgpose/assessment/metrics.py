@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 
 # Fewer points leave the rotation undetermined.
@@ -134,7 +135,11 @@ def jitter_mps3(positions_m: Float[np.ndarray, "frame joint 3"], time_s: Float[n
     Over all joints and windows of four consecutive known frames. Human motion itself has some: compare with the
     reference's.
     """
-    return float(mean_known(np.linalg.norm(_derivative(positions_m, time_s, 3), axis=-1)))
+    jerk_mps3 = np.empty((max(len(time_s) - 3, 0), positions_m.shape[1]))
+    for part in parts_of(len(jerk_mps3)):
+        around = slice(part.start, part.stop + 3)
+        jerk_mps3[part] = np.linalg.norm(_derivative(positions_m[around], time_s[around], 3), axis=-1)
+    return float(mean_known(jerk_mps3))
 
 
 def acceleration_error_mps2(

@@ -18,8 +18,10 @@ from fgpose.association.recording import Association, Progress, associate
 from fgpose.correspondences import NOBODY, Seen
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import PeopleObservations
+from fgpose.sampling import parts_of
 
 # Who is located without such a gap, and never farther away than somebody can run meanwhile, is one person.
 _GAP_S, _RUNS_MPS, _NEAR_M = 0.25, 6.0, 0.5
@@ -77,7 +79,7 @@ class Succession:
 
 
 def successive(
-    people: PeopleObservations,
+    people: Observations | PeopleObservations,
     rig: CameraRig,
     config: TrackingConfig | None = None,
     progress: Progress | None = None,
@@ -86,17 +88,18 @@ def successive(
     gone.
 
     Args:
-        people: at most one in each image.
+        people: at most one in each image; or as of one person.
         rig: their cameras.
         config: how people are told apart.
         progress: told after every frame, if it takes a look at each.
     """
     if rig.n_cameras < 2:
         return None
-    places = _Places.of(people, rig)
+    is_of_one = isinstance(people, Observations)
+    places = _Places.of(people if is_of_one else people.of_person(people.only()), rig)
     if not places.may_change:
         return None
-    association = associate(people, rig, config, progress)
+    association = associate(PeopleObservations.of_one(people) if is_of_one else people, rig, config, progress)
     groups, changes = _grouped(association, places)
     if not changes:
         return None
@@ -116,14 +119,16 @@ class _Places:
     middle_m: Float[np.ndarray, "located 3"]
 
     @staticmethod
-    def of(people: PeopleObservations, rig: CameraRig) -> _Places:
-        observations = people.of_person(people.only())
-        joints = np.unique(np.linspace(0, people.skeleton.n_joints - 1, _SOME_JOINTS).astype(int))
-        points_px = rig.undistort(observations.points2d_px[:, :, joints])
-        some_m = triangulate_robust(points_px, observations.confidence[:, :, joints], rig).positions_m
-        located = np.flatnonzero(np.isfinite(some_m).all(axis=-1).any(axis=-1))
-        middle_m = np.nanmedian(some_m[located], axis=1) if len(located) else np.zeros((0, 3))
-        return _Places(observations.frame_time_s[located], middle_m)
+    def of(seen: Observations, rig: CameraRig) -> _Places:
+        joints = np.unique(np.linspace(0, seen.skeleton.n_joints - 1, _SOME_JOINTS).astype(int))
+        middle_m = np.full((seen.n_frames, 3), np.nan)
+        for part in parts_of(seen.n_frames):
+            points_px = rig.undistort(seen.points2d_px[part][:, :, joints])
+            some_m = triangulate_robust(points_px, seen.confidence[part][:, :, joints], rig).positions_m
+            located = np.isfinite(some_m).all(axis=-1).any(axis=-1)
+            middle_m[part][located] = np.nanmedian(some_m[located], axis=1)
+        located = np.isfinite(middle_m).all(axis=-1)
+        return _Places(seen.frame_time_s[located], middle_m[located])
 
     @property
     def may_change(self) -> bool:

@@ -143,7 +143,13 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
         _row(table, f"reprojection error {camera} [px]", trajectories, lambda each, c=c: _median_px(each, c))
     _row(table, "reprojection error, all [px]", trajectories, lambda each: _median_px(each))
     table.add_section()
-    _row(table, "jitter (mean jerk) [m/s^3]", trajectories, lambda each: jitter_mps3(each.positions_m, each.time_s))
+    # Of frames that do not follow each other it would be another number.
+    whole = [name in result.saved or result.compared_every == 1 for name in names]
+    jitter = [
+        jitter_mps3(each.positions_m, each.time_s) if is_whole else np.nan
+        for each, is_whole in zip(trajectories, whole, strict=True)
+    ]
+    table.add_row("jitter (mean jerk) [m/s^3]", *map(number, jitter))
     for status in (Status.OBSERVED, Status.PREDICTED, Status.UNOBSERVABLE):
         _row(
             table, f"joints {status.name.lower()} [%]", trajectories, lambda each, s=status: 100 * each.status_share(s)
@@ -213,4 +219,4 @@ def _median_px(trajectory: Trajectory, camera: int | None = None) -> float:
         return np.nan
     of_camera = trajectory.residual_px if camera is None else trajectory.residual_px[:, camera]
     known = of_camera[np.isfinite(of_camera)]
-    return float(np.median(known)) if known.size else np.nan
+    return float(np.median(known, overwrite_input=True)) if known.size else np.nan

@@ -100,20 +100,23 @@ class Examined:
         }
 
     @cached_property
-    def scene(self) -> SynchronousViews:
-        """What was seen of the main person: all frames and joints, without what its camera is unsure of."""
-        seen = self.main
-        usual = np.array(
-            [np.median(own[own > 0]) if (own > 0).any() else 0.0 for own in seen.confidence.swapaxes(0, 1)]
-        )
-        sure = seen.confidence >= _SURE * usual[:, None]
+    def _least_sure(self) -> Float[np.ndarray, " camera"]:
+        """The confidence below which a camera is unsure."""
+        of_cameras = self.main.confidence.swapaxes(0, 1)
+        return _SURE * np.array([np.median(own[own > 0]) if (own > 0).any() else 0.0 for own in of_cameras])
+
+    def scene(self, frames: Int[np.ndarray, " frame"]) -> SynchronousViews:
+        """What was seen of the main person in some frames: all joints, without what its camera is unsure of."""
+        seen = self.main.frames(frames)
+        sure = seen.confidence >= self._least_sure[:, None]
         points_px = np.where(sure[..., None], seen.points2d_px, np.nan)
         return SynchronousViews.of(self.rig, points_px, seen.skeleton, seen.frame_time_s)
 
     @cached_property
     def geometry(self) -> Geometry:
         """Whether the cameras agree on it; and if not, why."""
-        return examine(self.scene.joints(limb_joints(self.main.skeleton)))
+        limbs = limb_joints(self.main.skeleton)
+        return examine(lambda frames: self.scene(frames).joints(limbs), self.main.frame_time_s)
 
     @cached_property
     def body_m(self) -> Float[np.ndarray, "frame joint 3"]:
@@ -126,7 +129,7 @@ class Examined:
             raise NotJudgedError("one camera")
         if not self.geometry.usable:
             raise NotJudgedError("the cameras do not agree where the body is")
-        return consistency(self.scene.frames(frames)).positions_m
+        return consistency(self.scene(frames)).positions_m
 
     @cached_property
     def undistorted_px(self) -> Float[np.ndarray, "frame camera joint 2"]:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
-from fgpose.sampling import spread_evenly
+from fgpose.sampling import parts_of, spread_evenly
 from fgpose.trajectory import Trajectory
 from fgpose_factors.robust_statistics import MEDIAN_LENGTH
 
@@ -32,8 +32,10 @@ def sigma_m(trajectory: Trajectory) -> Float[np.ndarray, "frame joint"]:
     """Root of the largest eigenvalue of each joint's covariance, metres; NaN where there is none."""
     result = np.full(trajectory.status.shape, np.nan)
     if trajectory.covariance_m2 is not None:
-        known = np.asarray(np.isfinite(trajectory.covariance_m2).all(axis=(-1, -2)))
-        result[known] = np.sqrt(np.maximum(_largest_eigenvalue(trajectory.covariance_m2[known]), 0.0))
+        for part in parts_of(trajectory.n_frames):
+            covariance_m2 = trajectory.covariance_m2[part]
+            known = np.asarray(np.isfinite(covariance_m2).all(axis=(-1, -2)))
+            result[part][known] = np.sqrt(np.maximum(_largest_eigenvalue(covariance_m2[known]), 0.0))
     return result
 
 
@@ -70,7 +72,9 @@ def quantile_of_frames(values: Float[np.ndarray, " frame *shape"], q: float = 0.
 def together_px(recording: FinishedRecording) -> Float[np.ndarray, "frame camera joint"] | None:
     """Of everybody, one after the other; None where some have none."""
     residuals = [each.residual_px for each in recording.people.values() if each.residual_px is not None]
-    return np.concatenate(residuals) if len(residuals) == len(recording.people) else None
+    if len(residuals) < len(recording.people):
+        return None
+    return residuals[0] if len(residuals) == 1 else np.concatenate(residuals)
 
 
 def errors_m(trajectory: Trajectory, rig: CameraRig) -> Float[np.ndarray, "frame camera joint"]:

@@ -12,7 +12,7 @@ from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import camera_medians, together_px
 from fgpose.finding import Code, Finding, Severity
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import parts_of, usual_step_s
 
 _CORRECTED = "Whole poses that are turned are corrected; if errors stay, use another network."
 _NOT_CORRECTED = (
@@ -92,14 +92,17 @@ def swapped_pairs(
     assert recording.rig is not None
     assert residual_px is not None
     left, right = np.array(recording.main.skeleton.left_right, dtype=int).reshape(-1, 2).T
-    projected_px = recording.rig.project(positions_m)
-    apart_px = np.linalg.norm(projected_px[:, :, left] - projected_px[:, :, right], axis=-1)
-    errors_px = np.stack([residual_px[:, :, left], residual_px[:, :, right]])
     # A camera that was turned has errors everywhere that are as large as small pairs are apart.
     least_px = np.fmax(_MIN_SWAP_PX, _SWAP_TO_USUAL * camera_medians(residual_px))
-    judged = np.isfinite(errors_px).all(axis=0) & (apart_px > least_px[:, None])
-    like = (np.abs(errors_px - apart_px) < _SWAP_TOLERANCE * apart_px).all(axis=0)
-    return np.asarray(judged & like), np.asarray(judged)
+    swapped, judged = np.zeros((2, *residual_px.shape[:2], len(left)), dtype=bool)
+    for part in parts_of(len(positions_m)):
+        projected_px = recording.rig.project(positions_m[part])
+        apart_px = np.linalg.norm(projected_px[:, :, left] - projected_px[:, :, right], axis=-1)
+        errors_px = np.stack([residual_px[part][:, :, left], residual_px[part][:, :, right]])
+        judged[part] = np.isfinite(errors_px).all(axis=0) & (apart_px > least_px[:, None])
+        like = (np.abs(errors_px - apart_px) < _SWAP_TOLERANCE * apart_px).all(axis=0)
+        swapped[part] = judged[part] & like
+    return swapped, judged
 
 
 def swapped_sides(

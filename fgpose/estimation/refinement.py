@@ -103,11 +103,11 @@ def _segment(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Con
     )
     unweighted = replace(
         evidence,
-        weights=np.ones_like(evidence.weights),
-        sigma_px=np.full_like(evidence.weights, _SQUARED_PIXELS.sigma_px),
+        weights=np.broadcast_to(1.0, evidence.weights.shape),
+        sigma_px=np.broadcast_to(_SQUARED_PIXELS.sigma_px, evidence.weights.shape),
         guess_m=evidence.fused_m,
         anchored=np.zeros_like(evidence.anchored),
-        depth_sigma_m=np.full_like(evidence.depth_sigma_m, np.nan),
+        depth_sigma_m=np.broadcast_to(np.nan, evidence.depth_sigma_m.shape),
     )
     active = np.asarray(np.isfinite(evidence.fused_m).all(axis=-1))
     no_lengths_m, no_motion = np.full(skeleton.n_lengths, np.nan), np.ones(active.shape)

@@ -1,4 +1,4 @@
-"""A segment of a recording that is solved as one: what the factors are made from."""
+"""A segment of a recording that is solved as one: what the factors are made from; and the recording."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.initial_guess import active_joints, fill_gaps, median_lengths
 from fgpose.estimation.keys import Keys
 from fgpose.estimation.process_noise import initial_density
@@ -162,3 +163,61 @@ class Segment:
     def estimated_lengths(self) -> Int[np.ndarray, " estimated"]:
         """The shared lengths that are variables."""
         return np.zeros(0, dtype=int) if self.lengths_known else np.unique(self.bones[2])
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The frames in which somebody is there, with what is known of all of them before any is solved."""
+
+    rig: CameraRig
+    skeleton: Skeleton
+    config: Config
+    evidence: Evidence | Gathered
+    """Of more frames."""
+    here: Int[np.ndarray, " frame"]
+    """Which of them are those of the recording."""
+    time_s: Float[np.ndarray, " frame"]
+    guess_m: Float[np.ndarray, "frame joint 3"]
+    """First guess, also where there is none of the frame alone."""
+    active: Bool[np.ndarray, "frame joint"]
+    lengths_m: Float[np.ndarray, " length"]
+    length_sigma_m: float
+    """See Segment."""
+
+    @staticmethod
+    def of(
+        evidence: Evidence | Gathered,
+        here: Int[np.ndarray, " frame"],
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: Config,
+    ) -> Recording:
+        """With what the first guess tells."""
+        time_s, of_frames_m = evidence.time_s[here], evidence.guess_m[here]
+        guess_m = fill_gaps(of_frames_m, time_s)
+        active = active_joints(of_frames_m, time_s, config.motion)
+        lengths_m = median_lengths(skeleton, guess_m)
+        sigma_m = config.prior.length_sigma_m
+        return Recording(rig, skeleton, config, evidence, here, time_s, guess_m, active, lengths_m, sigma_m)
+
+    @property
+    def n_frames(self) -> int:
+        return len(self.here)
+
+    def evidence_of(self, frames: slice | Int[np.ndarray, " sample"]) -> Evidence:
+        """Of some of its frames."""
+        return replace(self.evidence.frames(self.here[frames]), guess_m=self.guess_m[frames])
+
+    def frames(self, frames: slice | Int[np.ndarray, " sample"]) -> Segment:
+        """Some of its frames, to be solved as one."""
+        active = self.active[frames]
+        return Segment(
+            rig=self.rig,
+            skeleton=self.skeleton,
+            config=self.config,
+            evidence=self.evidence_of(frames),
+            active=active,
+            lengths_m=self.lengths_m,
+            length_sigma_m=self.length_sigma_m,
+            process_density=np.full(active.shape, initial_density(self.config.motion)),
+        )

@@ -16,11 +16,12 @@ from fgpose.estimation.covariances.few_view_errors import widened
 from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swing
 from fgpose.estimation.evidence.delays import image_motion_px, motion_m, of_one_moment
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.evidence.gathered import Gathered, gather_long
 from fgpose.estimation.evidence.inputs import check_inputs
+from fgpose.estimation.evidence.presence import present
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.process_noise import process_density
-from fgpose.estimation.segment import Segment
+from fgpose.estimation.segment import Recording, Segment
 from fgpose.estimation.solution import Solution, SolvedWindows, first_known
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.optimum import optimum
@@ -87,13 +88,13 @@ def smooth(
     check_inputs("smooth", observations, rig)
     config = config or Config()
     observations, rig = of_one_moment(observations, rig)
-    evidence = gather(observations, rig, config)
+    evidence = gather_long(observations, rig, config)
     return smooth_evidence(evidence, observations.skeleton, rig, config, progress, unfinished)
 
 
 @one_blas_thread()
 def smooth_evidence(
-    evidence: Evidence,
+    evidence: Evidence | Gathered,
     skeleton: Skeleton,
     rig: CameraRig,
     config: Config,
@@ -102,9 +103,9 @@ def smooth_evidence(
 ) -> Trajectory:
     """smooth for a recording whose evidence is gathered already."""
     here = np.flatnonzero(evidence.present(config.tracking.coast_s))
-    is_whole = len(here) in (0, len(evidence.time_s))
-    recording = Segment.of_recording(evidence if is_whole else evidence.frames(here), rig, skeleton, config)
-    windows = cut_windows(recording.evidence.time_s, config.solver.window_s, config.solver.overlap_s)
+    here = here if len(here) else np.arange(len(evidence.time_s))
+    recording = Recording.of(evidence, here, rig, skeleton, config)
+    windows = cut_windows(recording.time_s, config.solver.window_s, config.solver.overlap_s)
     solved = SolvedWindows(recording, unfinished if len(windows) > 1 else None)
     if solved.n_solved:
         warnings.warn(
@@ -120,12 +121,10 @@ def smooth_evidence(
         solved.append(solution.frames(window.contributed_of_solved))
         if progress:
             progress(window.contributed.stop, recording.n_frames)
-    trajectory = _trajectory(recording, windows, solved)
-    whole = trajectory if is_whole else trajectory.in_frames(evidence.time_s, here)
-    return replace(whole, implausible_frames=evidence.implausible_frames)
+    return _trajectory(recording, windows, solved)
 
 
-def _with_learned_lengths(recording: Segment) -> Segment:
+def _with_learned_lengths(recording: Recording) -> Recording:
     """The recording with the bone lengths of a sample of its frames, solved as a window is: hallucinated detections
     would stretch them.
 
@@ -221,37 +220,44 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
     return replace(solution, covariance_m2=widened_m2, widening_m2=widened_m2 - covariance_m2)
 
 
-def _trajectory(recording: Segment, windows: Sequence[Window], solved: SolvedWindows) -> Trajectory:
-    """Of all windows. What decides who is there when needs the visibility of all; the rest is made window by window."""
-    rig, config, shape = recording.rig, recording.config, recording.evidence.visibility.shape
-    positions_m, visibility, residual_px = np.empty((shape[0], shape[2], 3)), np.empty(shape), np.empty(shape)
+def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedWindows) -> Trajectory:
+    """Of all windows, in all frames. What decides who is there when needs the visibility of all; the rest is made
+    window by window."""
+    rig, config, here, shape = recording.rig, recording.config, recording.here, recording.active.shape
+    of_cameras = len(recording.evidence.time_s), rig.n_cameras, shape[1]
+    positions_m, visibility, residual_px = np.empty((*shape, 3)), *np.full((2, *of_cameras), np.nan)
+    (seen, observed), located = np.empty((2, *shape), dtype=bool), np.empty(shape[0], dtype=bool)
     convergences, lengths_m = [], []
     for window, solution in zip(windows, solved, strict=True):
-        positions_m[window.contributed], visibility[window.contributed] = solution.positions_m, solution.visibility
+        own = window.contributed
+        evidence = replace(recording.evidence_of(own), visibility=solution.visibility)
+        positions_m[own], visibility[here[own]] = solution.positions_m, evidence.detection_visibility
+        seen[own], observed[own], located[own] = evidence.seen, evidence.observed, evidence.located.any(axis=1)
         convergences.append(solution.convergence)
         lengths_m.append(solution.lengths_m)
     _warn_unless_converged(convergences, config)
-    evidence = replace(recording.evidence, visibility=visibility)
-    unseen_s = time_to_known_s(evidence.seen, evidence.time_s)
+    unseen_s = time_to_known_s(seen, recording.time_s)
     # Hallucinated detections, by what is known now, do not show that somebody is there.
-    here = evidence.present(config.tracking.coast_s)
-    active = recording.active & (unseen_s <= config.motion.max_unseen_s) & here[:, None]
+    is_there = present(seen.any(axis=1), located, recording.time_s, config.tracking.coast_s)
+    active = recording.active & (unseen_s <= config.motion.max_unseen_s) & is_there[:, None]
     positions_m[~active] = np.nan
-    status = joint_status(active, evidence.observed)
-    covariance_m2 = np.full((*active.shape, 3, 3), np.nan) if config.solver.covariance else None
+    covariance_m2 = np.full((len(visibility), shape[1], 3, 3), np.nan) if config.solver.covariance else None
     for window, solution in zip(windows, solved, strict=True):
         own = window.contributed
-        around = evidence.frames(window.solved)
-        residual_px[own] = _residual_px(around, rig, positions_m[window.solved])[window.contributed_of_solved]
+        around = recording.evidence_of(window.solved)
+        of_around_px = _residual_px(around, rig, positions_m[window.solved])
+        residual_px[here[own]] = of_around_px[window.contributed_of_solved]
         if covariance_m2 is not None and solution.covariance_m2 is not None:
             swing = unseen_s[own], recording.skeleton, config.swing, solution.widening_m2
-            doubt = 1 - evidence.credible[own]
+            doubt = 1 - around.credible[window.contributed_of_solved]
             of_window_m2 = with_swing(solution.covariance_m2, positions_m[own], *swing, doubt=doubt)
-            covariance_m2[own] = np.where(active[own, :, None, None], of_window_m2, np.nan)
+            covariance_m2[here[own]] = np.where(active[own, :, None, None], of_window_m2, np.nan)
+    whole_m, status = np.full((len(visibility), *positions_m.shape[1:]), np.nan), np.zeros(of_cameras[::2], np.int8)
+    whole_m[here], status[here] = positions_m, joint_status(active, observed)
     return Trajectory(
         skeleton=recording.skeleton,
-        time_s=evidence.time_s,
-        positions_m=positions_m,
+        time_s=recording.evidence.time_s,
+        positions_m=whole_m,
         status=status,
         covariance_m2=covariance_m2,
         residual_px=residual_px,
@@ -259,7 +265,8 @@ def _trajectory(recording: Segment, windows: Sequence[Window], solved: SolvedWin
         bone_lengths_m=first_known(lengths_m),
         convergence=Convergence.worst(convergences),
         config=config,
-        visibility=evidence.detection_visibility,
+        visibility=visibility,
+        implausible_frames=recording.evidence.implausible_frames,
     )
 
 

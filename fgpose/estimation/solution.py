@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.estimation.segment import Segment
+from fgpose.estimation.segment import Recording, Segment
 from fgpose.io.arrays import read_arrays, write_arrays
 from fgpose.io.code_digest import code_digest
+from fgpose.sampling import parts_of
 from fgpose.trajectory import Convergence
-
-_DIGESTED_AT_ONCE = 1 << 24  # bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,7 @@ class SolvedWindows:
         OSError: the folder cannot be made.
     """
 
-    def __init__(self, recording: Segment, folder: Path | None = None) -> None:
+    def __init__(self, recording: Recording, folder: Path | None = None) -> None:
         self._in_memory: list[Solution] = []
         self._folder = None if folder is None else folder / _digest(recording)
         self.n_solved = 0
@@ -119,13 +118,13 @@ def _solution(arrays: dict[str, np.ndarray]) -> Solution:
     return Solution(**{"covariance_m2": None, **arrays, "convergence": convergence})
 
 
-def _digest(recording: Segment) -> str:
+def _digest(recording: Recording) -> str:
     """Of all that its solution depends on: the evidence, the cameras, the parameters and the code."""
     digest = hashlib.sha256(code_digest(Path(__file__).parent).encode())
-    for name, array in vars(recording.evidence).items():
-        digest.update(f"{name} {array.shape} {array.dtype}".encode())
-        for part in np.array_split(array, max(1, array.nbytes // _DIGESTED_AT_ONCE)):
-            digest.update(np.ascontiguousarray(part).tobytes())
+    for part in parts_of(recording.n_frames):
+        for name, array in vars(recording.evidence_of(part)).items():
+            digest.update(f"{name} {array.shape} {array.dtype}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
     for camera in recording.rig.cameras:
         digest.update(repr([_plain(getattr(camera, field.name)) for field in fields(camera)]).encode())
     digest.update(repr((recording.skeleton, recording.config)).encode())

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.sampling import parts_of
 from fgpose_factors import project
 
 
@@ -15,7 +16,10 @@ def reprojection_residual_px(
     positions_m: Float[np.ndarray, "frame joint 3"],
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Distance in undistorted pixels between each detection and the projection of the estimate."""
-    return np.linalg.norm(rig.project(positions_m) - undistorted_px, axis=-1)
+    residual_px = np.empty(undistorted_px.shape[:-1])
+    for part in parts_of(len(positions_m)):
+        residual_px[part] = np.linalg.norm(rig.project(positions_m[part]) - undistorted_px[part], axis=-1)
+    return residual_px
 
 
 def linearized_projection(

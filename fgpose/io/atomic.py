@@ -7,7 +7,7 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -165,6 +165,18 @@ def write_bytes(path: Path, content: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Replace a file by this text in UTF-8, line ends as they are. Raises OSError as write_bytes does."""
     write_bytes(path, text.encode("utf-8"))
+
+
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Replace a file by these lines in UTF-8, which are written as they come. Raises OSError as write_bytes does."""
+    n_bytes = 0
+
+    def check(temporary: Path) -> None:
+        has_size(n_bytes)(temporary)
+
+    with replacing(path, check) as temporary, temporary.open("wb") as file:
+        for line in lines:
+            n_bytes += file.write(f"{line}\n".encode())
 
 
 def has_size(n_bytes: int) -> Check:

@@ -10,10 +10,9 @@ from fgpose.association.chosen_person import PersonRegion
 from fgpose.association.common_clock import on_common_clock
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import Unit, load_rig
-from fgpose.io.keypoints import keypoint_cameras, load_people
+from fgpose.io.keypoints import keypoint_cameras, load_recording
 from fgpose.io.names import counted_otherwise, seen_cameras
 from fgpose.observations import check_confidence
-from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.detected_orientation import as_detected
 from fgpose.pipeline.freed_memory import hand_back
 from fgpose.pipeline.origin import origin_of
@@ -69,47 +68,49 @@ def load_source(
         UserWarning: as load_people.
     """
     wanted = _wanted(
-        _everybody(keypoints, calibration, skeleton, cameras, reading), keypoints, cameras, people, n_frames
+        _recording(keypoints, calibration, skeleton, cameras, reading), keypoints, cameras, people, n_frames
     )
     hand_back()
     return wanted
 
 
 def _wanted(
-    everybody: Source[PeopleObservations],
+    recording: AnySource,
     keypoints: Path,
     cameras: tuple[str, ...],
     people: Wanted,
     n_frames: int | None,
 ) -> AnySource:
-    if people in ("auto", "all"):
-        everybody = everybody.subset(cameras).first_frames(n_frames)
-        return everybody if people == "all" else everybody.one_or_all()
+    if people == "auto":
+        return recording.subset(cameras).first_frames(n_frames).one_or_all()
+    everybody = recording.everybody()
+    if people == "all":
+        return everybody.subset(cameras).first_frames(n_frames)
     with naming(keypoints):
         one = everybody.one(people if isinstance(people, PersonRegion) else 0)
     return one.subset(cameras).first_frames(n_frames)
 
 
-def _everybody(
+def _recording(
     keypoints: Path,
     calibration: Path,
     skeleton: str | Path | Skeleton,
     cameras: tuple[str, ...],
     reading: Reading,
-) -> Source[PeopleObservations]:
+) -> AnySource:
     """In all cameras that saw something."""
     least = reading.get("min_confidence", 0.0)
     check_confidence(least)
     rig = _rig(keypoints, calibration, reading.get("unit", "auto"), cameras)
     given: dict[str, Any] = {name: each for name, each in reading.items() if name not in ("unit", "min_confidence")}
 
-    def seen_by(rig: CameraRig) -> PeopleObservations:
-        return load_people(keypoints, rig, skeleton, ignore_other_cameras=bool(cameras), **given)
+    def seen_by(rig: CameraRig) -> Any:  # of one person or of everybody
+        return load_recording(keypoints, rig, skeleton, ignore_other_cameras=bool(cameras), **given)
 
     rig = as_detected(rig, calibration, lambda each: Source(each, seen_by(each)).one().observations)
     origin = origin_of(rig, reading.get("fps"), Keypoints=keypoints, Calibration=calibration)
-    people, rig = on_common_clock(seen_by(rig).confident(least), rig)
-    return Source(rig, people, replace(origin, remarks=people.remarks))
+    seen, rig = on_common_clock(seen_by(rig).confident(least), rig)
+    return Source(rig, seen, replace(origin, remarks=seen.remarks))
 
 
 def _rig(keypoints: Path, calibration: Path, unit: Unit, cameras: tuple[str, ...]) -> CameraRig:

@@ -162,6 +162,13 @@ class Outputs:
         """Of how many frames of a recording with these times the viewer shows one."""
         return thinning(time_s, self.rrd_fps, _MOST_SHOWN)
 
+    def compared_every(self, time_s: Float[np.ndarray, " frame"]) -> int:
+        """Of how many frames one is compared in the viewer with what each frame alone gives: all, but of a long
+        recording those that are shown; 0 if nothing is."""
+        if not self.shown:
+            return 0
+        return self.shown_every(time_s) if len(time_s) > _MOST_SHOWN else 1
+
     def open_viewer(self, source: AnySource, trajectories: tuple[str, ...]) -> Recording:
         """See open_recording; for the results of these names of one person, or for everybody, as the source is."""
         seen = source.observations

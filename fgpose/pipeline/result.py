@@ -11,7 +11,6 @@ from jaxtyping import Float
 from fgpose.association.recording import Association
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
-from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.estimation.windows import cut_windows
@@ -42,6 +41,8 @@ class Result:
     """How long each update of the online estimators took, milliseconds."""
     n_repairs: int = 0
     """How often GTSAM failed in the online estimators, and their windows were eliminated anew."""
+    compared_every: int = 1
+    """Results that are not saved have one frame in so many."""
     diagnosis: Diagnosis | None = None
     """What is probably wrong with it (fgpose.pipeline.diagnosed); None: nobody has looked."""
 
@@ -89,29 +90,36 @@ def show(result: Result, recording: Recording) -> None:
 
 def _show_compared(result: Result, recording: Recording) -> None:
     """The results of one person side by side, with what each detection and each factor does to the last of them."""
-    source, main, config = result.source, result.main[0], result.config
-    evidence = source.evidence(config)
+    source, main, every = result.source, result.main[0], result.compared_every
+    shown = slice(None, None, every)
+    evidence = source.gathered(result.config).frames(shown)
     weights = evidence.weights
     if main.visibility is not None:
-        weights = weights * np.nan_to_num(main.visibility)
-    recording.log_observations(source.observations, weights, evidence.undistorted_px)
+        weights = weights * np.nan_to_num(main.visibility[shown])
+    recording.log_observations(source.observations.frames(shown), weights, evidence.undistorted_px, every)
     for name, people in result.trajectories.items():
-        recording.log_trajectory(name, people[0])
+        recording.log_trajectory(name, people[0], 1 if name in result.saved else every)
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
     if "refined" not in result.saved:
-        recording.log_residuals(main.time_s, _residuals(main, evidence, source.rig, config))
+        recording.log_residuals(main.time_s[shown], _residuals(result), every)
     if result.update_ms is not None:
         recording.log_update_times(result.frame_time_s, result.update_ms)
 
 
-def _residuals(
-    main: Trajectory, evidence: Evidence, rig: CameraRig, config: Config
-) -> dict[str, Float[np.ndarray, "frame joint"]]:
-    """See whitened_residuals; in the windows of the smoother, so that memory does not grow with what is gathered."""
-    parts = []
+def _residuals(result: Result) -> dict[str, Float[np.ndarray, "frame joint"]]:
+    """Of the frames that are compared, see whitened_residuals; in the windows of the smoother, so that memory does not
+    grow with what is gathered."""
+    main, rig, config, parts = result.main[0], result.source.rig, result.config, []
+    evidence = result.source.gathered(config)
     for window in cut_windows(main.time_s, config.solver.window_s, config.solver.overlap_s):
         of_window, own = main.frames(window.solved), evidence.frames(window.solved)
         known = informed(own, of_window.positions_m, rig, main.skeleton, config, of_window.visibility)
         residuals = whitened_residuals(of_window, known, rig, config)
-        parts.append({factor: each[window.contributed_of_solved] for factor, each in residuals.items()})
+        first = -window.contributed.start % result.compared_every
+        parts.append(
+            {
+                factor: each[window.contributed_of_solved][first :: result.compared_every]
+                for factor, each in residuals.items()
+            }
+        )
     return {factor: np.concatenate([part[factor] for part in parts]) for factor in parts[0]}

@@ -40,7 +40,7 @@ def run_smooth(
     config: Config,
     progress: Progress | None = None,
     *,
-    compare: bool = True,
+    compare: int = 1,
     unfinished: Path | None = None,
 ) -> Result:
     """The batch smoother over a whole recording.
@@ -49,8 +49,8 @@ def run_smooth(
         source: the recording, of one person or of everybody.
         config: the parameters.
         progress: told how far the smoother is.
-        compare: of one person, also give the fused and the refined poses of every frame alone, to be seen beside the
-            result.
+        compare: of one person, also give the fused and the refined poses of one frame in so many, each alone, to be
+            seen beside the result; 0: of none.
         unfinished: see fgpose.smooth.
     """
     if isinstance(source.observations, PeopleObservations):
@@ -61,10 +61,13 @@ def run_smooth(
             known = replace(known, rig=rig, observations=source.observations)
         people = smooth_people(source.observations, source.rig, config, progress, known, unfinished)
         return Result(source, config, {"smoothed": people.trajectories}, ("smoothed",), people.association)
-    given = source.evidence(config), source.observations.skeleton, source.rig, config
-    smoothed = smooth_evidence(*given, progress, unfinished)
-    before = {"fused": fused_trajectory(*given), "refined": refine_evidence(*given)} if compare else {}
-    return _of_one(source, config, {**before, "smoothed": smoothed}, "smoothed")
+    evidence, given = source.gathered(config), (source.observations.skeleton, source.rig, config)
+    smoothed = smooth_evidence(evidence, *given, progress, unfinished)
+    if not compare:
+        return _of_one(source, config, {"smoothed": smoothed}, "smoothed")
+    some = evidence.frames(slice(None, None, compare))
+    before = {"fused": fused_trajectory(some, *given), "refined": refine_evidence(some, *given)}
+    return replace(_of_one(source, config, {**before, "smoothed": smoothed}, "smoothed"), compared_every=compare)
 
 
 def run_refine(source: Source[Observations], config: Config, progress: Progress | None = None) -> Result:

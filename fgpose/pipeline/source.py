@@ -11,7 +11,7 @@ from fgpose.calibration.moved_views import Recording
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.evidence.gathered import Gathered, gather_long
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
@@ -32,20 +32,24 @@ class Source(Generic[Recording]):
     """Who it is of how many, where somebody was chosen."""
     succession: Succession | None = field(default=None, repr=False)
     """Who comes after whom, where no image shows more than one person and somebody comes after somebody has gone."""
-    _evidence: dict[Config, Evidence] = field(default_factory=dict, init=False, repr=False)
+    _gathered: dict[Config, Evidence | Gathered] = field(default_factory=dict, init=False, repr=False)
 
-    def evidence(self, config: Config) -> Evidence:
+    def gathered(self, config: Config) -> Evidence | Gathered:
         """The evidence of one person: gathered once, whoever asks for it; that of the newest config is kept.
 
         Raises:
             ValueError: the cameras of observations and rig differ.
         """
         assert isinstance(self.observations, Observations)
-        if config not in self._evidence:
-            self._evidence.clear()
-            self._evidence[config] = gather(self.observations, self.rig, config)
+        if config not in self._gathered:
+            self._gathered.clear()
+            self._gathered[config] = gather_long(self.observations, self.rig, config)
             hand_back()
-        return self._evidence[config]
+        return self._gathered[config]
+
+    def evidence(self, config: Config) -> Evidence:
+        """The same of all frames at once."""
+        return self.gathered(config).frames(slice(None))
 
     def one(self, person: int | PersonRegion = 0) -> Source[Observations]:
         """The main person, see chosen_person; or another one. Raises ValueError if there is no such person."""
@@ -56,16 +60,24 @@ class Source(Generic[Recording]):
         origin = self.origin and replace(self.origin, chosen=str(chosen))
         return Source(rig, people.of_person(chosen.seen), origin, chosen)
 
-    def one_or_all(self: Source[PeopleObservations], config: TrackingConfig | None = None) -> AnySource:
+    def everybody(self) -> Source[PeopleObservations]:
+        """The same as of any number of people."""
+        seen = self.observations
+        people = seen if isinstance(seen, PeopleObservations) else PeopleObservations.of_one(seen)
+        return Source(self.rig, people, self.origin, self.chosen, self.succession)
+
+    def one_or_all(self, config: TrackingConfig | None = None) -> AnySource:
         """Everybody where an image shows more than one, or where somebody comes after somebody else has gone; else the
         one who is there."""
         people = self.observations
-        if people.n_most > 1:
-            return self
-        succession = successive(people, self.rig, config)
+        if isinstance(people, PeopleObservations):
+            if people.n_most > 1:
+                return self
+            people = people.of_person(people.only())
+        succession = successive(self.observations, self.rig, config)
         if succession is not None and succession.n_people > 1:
-            return replace(self, succession=succession)
-        return Source(self.rig, people.of_person(people.only()), self.origin, succession=succession)
+            return replace(self, observations=succession.association.observations, succession=succession)
+        return Source(self.rig, people, self.origin, succession=succession)
 
     def confident(self, least: float) -> Source[Recording]:
         """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""

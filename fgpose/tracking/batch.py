@@ -9,7 +9,7 @@ from pathlib import Path
 from fgpose.association.common_clock import on_common_clock
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
-from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.evidence.gathered import gather_long
 from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
@@ -73,7 +73,7 @@ def smooth_people(
                 progress(before + done, n_frames)
 
         # In the frames of the association, even where cameras see this person in turns.
-        evidence = gather(own, association.rig, config)
+        evidence = gather_long(own, association.rig, config)
         trajectories[person] = smooth_evidence(evidence, own.skeleton, association.rig, config, told, unfinished)
         n_done += own.n_frames
         if progress:

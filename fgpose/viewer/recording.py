@@ -94,41 +94,49 @@ class Recording(Session):
         observations: Observations,
         weights: Float[np.ndarray, "frame camera joint"] | None = None,
         undistorted_px: Float[np.ndarray, "frame camera joint 2"] | None = None,
+        every: int = 1,
     ) -> None:
         """Show a recording's detections in every camera, the views' own 3D poses and the weight of each view.
 
         Args:
-            observations: the whole recording; its skeleton and cameras are those the recording was opened with.
+            observations: the recording; its skeleton and cameras are those the recording was opened with.
             weights: of every detection, in any unit (those of eq. 2, say); 0 or NaN where there is none. Colours
                 are relative to the best view of the same joint and frame. Without them: the detector's confidence.
             undistorted_px: the same detections in the undistorted images, if they are known already.
+            every: all these have one frame in so many, from the first on.
 
         Raises:
-            ValueError: the skeleton, the cameras or the shape of the weights differ.
+            ValueError: the skeleton, the cameras or the shape of the weights differ, or frames that are shown are
+                missing.
         """
 
-    def log_trajectory(self, name: str, trajectory: Trajectory) -> None:
+    def log_trajectory(self, name: str, trajectory: Trajectory, every: int = 1) -> None:
         """Show a result: skeleton, uncertainty and status of its joints, reprojections, bone lengths, errors.
 
         Args:
             name: one of the names that the recording was opened with.
-            trajectory: the whole recording.
+            trajectory: the recording.
+            every: it has one frame in so many, from the first on.
 
         Raises:
-            ValueError: the name is unknown, or the skeleton or the cameras differ.
+            ValueError: the name is unknown, the skeleton or the cameras differ, or it lacks frames that are shown.
         """
 
     def log_residuals(
-        self, time_s: Float[np.ndarray, " frame"], residuals: Mapping[str, Float[np.ndarray, "frame joint"]]
+        self,
+        time_s: Float[np.ndarray, " frame"],
+        residuals: Mapping[str, Float[np.ndarray, "frame joint"]],
+        every: int = 1,
     ) -> None:
         """Show how strongly each factor pulls at a joint: the norm of its whitened residual, in sigmas.
 
         Args:
             time_s: time of each frame.
             residuals: by factor ("projection/cam_01", "motion", ...); NaN where the joint has no such factor.
+            every: both have one frame in so many, from the first on.
 
         Raises:
-            ValueError: a shape differs.
+            ValueError: a shape differs, or frames that are shown are missing.
         """
 
     def log_update_times(self, time_s: Float[np.ndarray, " frame"], update_ms: Float[np.ndarray, " frame"]) -> None:

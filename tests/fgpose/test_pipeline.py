@@ -180,15 +180,17 @@ class Spy(Recording):
     """Remembers what is shown."""
 
     def __init__(self) -> None:
-        self.shown: dict[str, object] = {}
+        self.shown: dict[str, Any] = {}
 
-    def log_observations(self, observations: object, weights: object = None, undistorted_px: object = None) -> None:
+    def log_observations(
+        self, observations: object, weights: object = None, undistorted_px: object = None, every: int = 1
+    ) -> None:
         self.shown["weights"] = weights
 
-    def log_trajectory(self, name: str, trajectory: object) -> None:
+    def log_trajectory(self, name: str, trajectory: object, every: int = 1) -> None:
         self.shown[name] = trajectory
 
-    def log_residuals(self, time_s: object, residuals: object) -> None:
+    def log_residuals(self, time_s: object, residuals: object, every: int = 1) -> None:
         self.shown["residuals"] = residuals
 
     def log_update_times(self, time_s: object, update_ms: object) -> None:
@@ -202,6 +204,38 @@ def test_everything_is_shown(smoothed: Result, tracked: Result) -> None:
     spy = Spy()
     pipeline.show(tracked, spy)
     assert set(spy.shown) == {"weights", "online", "smoothed", "residuals", "update_ms"}
+
+
+def test_of_a_long_recording_the_frames_are_compared_that_are_shown(
+    source: Source[Observations], smoothed: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """20 frames, of which the viewer shows five: the same as where all are compared."""
+    monkeypatch.setattr("fgpose.pipeline.outputs._MOST_SHOWN", 5)
+    outputs = Outputs(tmp_path, "walk", ("rrd",))
+    every = outputs.compared_every(source.observations.frame_time_s)
+    assert every == 4
+    result = run_smooth(source, Config(), compare=every)
+    assert {name: people[0].n_frames for name, people in result.trajectories.items()} == {
+        "fused": 5,
+        "refined": 5,
+        "smoothed": 20,
+    }
+    for name in ("fused", "smoothed"):
+        whole = smoothed.trajectories[name][0]
+        expected_m = whole.positions_m if name == "smoothed" else whole.positions_m[::every]
+        np.testing.assert_array_equal(result.trajectories[name][0].positions_m, expected_m)
+    write_outputs(result, outputs)
+    of_some, of_all = Spy(), Spy()
+    pipeline.show(result, of_some)
+    pipeline.show(smoothed, of_all)
+    np.testing.assert_array_equal(of_some.shown["weights"], of_all.shown["weights"][::every])
+    for factor, values in of_all.shown["residuals"].items():
+        np.testing.assert_array_equal(of_some.shown["residuals"][factor], values[::every])
+
+
+def test_nothing_is_compared_that_nobody_sees(tmp_path: Path) -> None:
+    assert Outputs(tmp_path, "walk", ("parquet",)).compared_every(np.arange(9.0)) == 0
+    assert Outputs(tmp_path, "walk", ("rrd",), rrd_fps=1.0).compared_every(np.arange(9.0) / 60) == 1
 
 
 def test_interrupted_viewer_leaves_no_file(tmp_path: Path, smoothed: Result) -> None:

@@ -53,8 +53,13 @@ class Smooth(EstimatorOptions):
         source = self.load()
         with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
-                kept = {"compare": outputs.shown, "unfinished": outputs.unfinished}
-                result = run_smooth(source, self.parameters, progress, **kept)
+                result = run_smooth(
+                    source,
+                    self.parameters,
+                    progress,
+                    compare=outputs.compared_every(source.observations.frame_time_s),
+                    unfinished=outputs.unfinished,
+                )
             return deliver(result, outputs, viewer, strict=self.strict)
 
 

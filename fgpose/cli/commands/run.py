@@ -108,8 +108,13 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
 
         with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
-                kept = {"compare": outputs.shown, "unfinished": outputs.unfinished}
-                result = run_smooth(source, self.parameters, progress, **kept)
+                result = run_smooth(
+                    source,
+                    self.parameters,
+                    progress,
+                    compare=outputs.compared_every(source.observations.frame_time_s),
+                    unfinished=outputs.unfinished,
+                )
             return deliver(result, outputs, viewer, show_all, strict=self.strict)
 
     def _calibrated(self, detected: Detected, outputs: Outputs, console: Console) -> CalibratedFromPeople | None:

@@ -46,7 +46,7 @@ def exchanged_limbs(examined: Examined) -> list[Finding]:
     """Cameras that agree with the others only if left and right arms, or legs, are exchanged in them; not both."""
     if examined.rig.n_cameras < 2 or not _may_exchange(examined.geometry):
         return []
-    scene, skeleton = examined.scene.frames(spread_evenly(examined.main.n_frames, _FRAMES)), examined.main.skeleton
+    scene, skeleton = examined.scene(spread_evenly(examined.main.n_frames, _FRAMES)), examined.main.skeleton
     found: dict[str, int] = {}
     for limbs, joints in LIMBS.items():
         own = [skeleton.index(joint) for name in joints for joint in _both(name) if joint in skeleton.joints]

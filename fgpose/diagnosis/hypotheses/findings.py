@@ -248,7 +248,7 @@ def on_the_right_sides(examined: Examined, found: Explanation) -> Explanation:
     Such are left and right exchanged in the other half of the cameras; in images that are mirrored in all of them,
     exchanged or not; and where cameras stand symmetrically, mirrored images and exchanged cameras.
     """
-    scene = examined.scene.frames(spread_evenly(examined.main.n_frames, _HANDED_FRAMES))
+    scene = examined.scene(spread_evenly(examined.main.n_frames, _HANDED_FRAMES))
     everybody = tuple(range(scene.n_cameras))
 
     def leaves_mirrored(causes: Iterable[Hypothesis]) -> bool:

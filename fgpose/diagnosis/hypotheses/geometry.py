@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from fgpose.calibration.changes.find_changes import LEAST_S
 from fgpose.diagnosis.hypotheses.cameras import other_focal
@@ -18,6 +20,8 @@ from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.diagnosis.hypotheses.search import EXPLAINED, NORMAL_M, Explanation, SearchState, explain
 from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
+
+Scene = Callable[[Int[np.ndarray, " sample"]], SynchronousViews]
 
 _FRAMES = 120
 # Two cameras whose rays pass each other by this are not of one recording: see search.NORMAL_M.
@@ -95,37 +99,42 @@ class Geometry:
         return SearchState(scene)
 
 
-def examine(scene: SynchronousViews) -> Geometry:
-    """Of a recording of one person: all frames, limbs at least."""
+def examine(scene: Scene, time_s: Float[np.ndarray, " frame"]) -> Geometry:
+    """Of a recording of one person.
+
+    Args:
+        scene: what was seen in some frames, of limbs at least.
+        time_s: of all frames.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of what is not known: infinite, or NaN
-        return _examined(scene)
+        return _examined(scene, time_s)
 
 
-def _examined(scene: SynchronousViews) -> Geometry:
-    sample = scene.frames(spread_evenly(len(scene.time_s), _FRAMES))
+def _examined(scene: Scene, time_s: Float[np.ndarray, " frame"]) -> Geometry:
+    sample = scene(spread_evenly(len(time_s), _FRAMES))
     first = Geometry(SearchState(sample))
-    if scene.n_cameras < 2 or not first.state.consistency.judged.any():
+    if sample.n_cameras < 2 or not first.state.consistency.judged.any():
         return first
     if first.state.is_clean and not _clearly_better(sample):
         return first
     explanation = explain(sample)
-    if explanation is not None and first.normal and _is_told_by_time(explanation, scene):
+    if explanation is not None and first.normal and _is_told_by_time(explanation, time_s):
         return first
     if explanation is not None or not (first.wrong or first.stands_out):
         return Geometry(first.state, explanation)
-    kept, dense = agreeing(sample), _dense(scene)
+    kept, dense = agreeing(sample), scene(_dense(time_s))
     if not kept:
         return Geometry(first.state, clocks_differ=first.wrong and clocks_differ(dense))
-    others = [c for c in range(scene.n_cameras) if c not in kept]
+    others = [c for c in range(sample.n_cameras) if c not in kept]
     return Geometry(first.state, None, kept, tuple((c, why_odd(sample, dense, c, kept)) for c in others))
 
 
-def _is_told_by_time(explanation: Explanation, scene: SynchronousViews) -> bool:
+def _is_told_by_time(explanation: Explanation, time_s: Float[np.ndarray, " frame"]) -> bool:
     """Whether rays that hardly miss each other miss by even less with another lens: so they do where a camera was
     bumped, or from one side. From enough seconds find_changes tells it apart from that, or that nothing does."""
     lenses = all(cause.code is Code.WRONG_LENS for cause in explanation.causes)
-    return lenses and float(np.ptp(scene.time_s)) >= LEAST_S
+    return lenses and float(np.ptp(time_s)) >= LEAST_S
 
 
 def _clearly_better(scene: SynchronousViews) -> bool:
@@ -144,11 +153,11 @@ def _clearly_better(scene: SynchronousViews) -> bool:
     return min(SearchState(cause.mend(scene)).cost for cause in causes) < EXPLAINED * SearchState(scene).cost
 
 
-def _dense(scene: SynchronousViews) -> SynchronousViews:
+def _dense(time_s: Float[np.ndarray, " frame"]) -> Int[np.ndarray, " sample"]:
     """At most a minute from the middle."""
-    middle_s = (scene.time_s[0] + scene.time_s[-1]) / 2
-    within = np.flatnonzero(np.abs(scene.time_s - middle_s) <= _DENSE_S / 2)
-    return scene.frames(within[spread_evenly(len(within), _DENSE_FRAMES)])
+    middle_s = (time_s[0] + time_s[-1]) / 2
+    within = np.flatnonzero(np.abs(time_s - middle_s) <= _DENSE_S / 2)
+    return within[spread_evenly(len(within), _DENSE_FRAMES)]
 
 
 def agreeing(scene: SynchronousViews) -> tuple[int, ...]:

@@ -14,7 +14,6 @@ from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
-from fgpose.people_observations import PeopleObservations
 from fgpose.sampling import stretches, usual_step_s
 
 # Less is a detector that misses somebody in a few images.
@@ -151,7 +150,7 @@ def somebody_else(examined: Examined) -> list[Finding]:
     """
     if examined.association is not None or examined.rig.n_cameras < 2 or examined.geometry.explanation is not None:
         return []
-    found = successive(PeopleObservations.of_one(examined.main), examined.rig, examined.config.tracking)
+    found = successive(examined.main, examined.rig, examined.config.tracking)
     changes = [] if found is None else found.changes
     return [_comes_after(each) for each in changes if each.is_somebody_else or each.log_odds < RECOGNISED]
 

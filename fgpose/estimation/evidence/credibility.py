@@ -15,6 +15,8 @@ from copy import copy
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.sampling import parts_of
+
 # What is usual: most detections of a recording are good. And where some reach a high confidence it is meant as a
 # probability, though most of the person is hidden.
 _USUAL_QUANTILE, _HIGHEST_QUANTILE, _SHARE_OF_HIGHEST = 0.75, 0.99, 0.5
@@ -42,9 +44,13 @@ def credible(
 ) -> Float[np.ndarray, "frame joint"]:
     """Probability that some camera sees each joint, as far as the detector says; 1 where nothing is detected."""
     first, last = np.searchsorted(time_s, time_s - _LONG_S), np.searchsorted(time_s, time_s + _LONG_S, side="right")
-    total, images = _sums(confidence), _sums((confidence > 0).astype(float))
-    lasting = _mean(total[last] - total[first], images[last] - images[first])
-    return _credible(confidence, lasting, usual_confidence(confidence))
+    total, images = _sums(confidence), _sums(confidence > 0)
+    usual, said = usual_confidence(confidence), np.empty((len(time_s), confidence.shape[2]))
+    for part in parts_of(len(time_s)):
+        begin, end = first[part], last[part]
+        lasting = _mean(total[end] - total[begin], (images[end] - images[begin]).astype(float))
+        said[part] = _credible(confidence[part], lasting, usual)
+    return said
 
 
 class RunningCredibility:
@@ -73,9 +79,11 @@ class RunningCredibility:
         return _credible(confidence, _mean(self._total, self._images)[None], self._usual)
 
 
-def _sums(values: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, "sums camera joint"]:
-    """Of the frames before each, and of all."""
-    return np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
+def _sums(values: np.ndarray) -> np.ndarray:
+    """Of the frames before each, and of all; of booleans their numbers."""
+    sums = np.zeros((len(values) + 1, *values.shape[1:]), dtype=np.int32 if values.dtype == bool else float)
+    np.cumsum(values, axis=0, out=sums[1:])
+    return sums
 
 
 def _mean(total: Float[np.ndarray, "*shape"], images: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

@@ -213,7 +213,20 @@ class Evidence:
 
     def frames(self, frames: slice | np.ndarray) -> Evidence:
         """Some of the frames."""
-        return Evidence(**{name: array[frames] for name, array in vars(self).items()})
+        n_frames = len(self.time_s[frames])
+        return Evidence(
+            **{
+                name: np.broadcast_to(array[0], (n_frames, *array.shape[1:]))
+                if is_same_in_all_frames(array)
+                else array[frames]
+                for name, array in vars(self).items()
+            }
+        )
+
+
+def is_same_in_all_frames(array: np.ndarray) -> bool:
+    """Whether one frame is kept in place of all, which takes no memory."""
+    return array.strides[0] == 0 and len(array) > 1
 
 
 def concatenated(parts: Sequence[Evidence]) -> Evidence:

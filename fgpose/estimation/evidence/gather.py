@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config, DepthConfig
 from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock, delays_s
-from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence
+from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, is_same_in_all_frames
 from fgpose.estimation.evidence.fusion import fuse_undistorted
 from fgpose.estimation.evidence.plausibility import Bodies, far_outside_images
 from fgpose.estimation.evidence.weights import detection_weights
@@ -19,10 +19,12 @@ from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.geometry.view_depth import RELATIVE_SIGMA, ViewDepth
 from fgpose.observations import Observations
+from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 from fgpose_factors.robust_statistics import robust_sigma
 
-_FRAMES_AT_ONCE = 1000  # bounds the memory of intermediate arrays
+FRAMES_AT_ONCE = 1000
+"""Bounds the memory of intermediate arrays."""
 _FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
 # So many depths of a view tell their spread: 17 joints for 30 frames. The depths of a body share most of their error,
 # which is correlated in time, so fewer would tell the error of that moment.
@@ -51,7 +53,7 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
     bodies.refuse_millimetres()
     if not bodies.implausible.any() or bodies.are_mostly_implausible:
         return evidence
-    return _without(evidence, observations, bodies.implausible, rig, config)
+    return without(evidence, observations, bodies.implausible, rig, config)
 
 
 def gather_frame(
@@ -67,7 +69,7 @@ def gather_frame(
     evidence = _gather(frame, rig, config, credible)
     bodies = _bodies(evidence, frame.skeleton)
     if may_leave_out and bodies.implausible.any():
-        evidence = _without(evidence, frame, bodies.implausible, rig, config)
+        evidence = without(evidence, frame, bodies.implausible, rig, config)
     return evidence, bodies
 
 
@@ -75,7 +77,7 @@ def _bodies(evidence: Evidence, skeleton: Skeleton) -> Bodies:
     return Bodies.of(evidence.guess_m, evidence.n_views, evidence.implausible, skeleton)
 
 
-def _without(
+def without(
     evidence: Evidence,
     observations: Observations,
     frames: Bool[np.ndarray, " frame"],
@@ -95,8 +97,10 @@ def _without(
         return nothing
     values = {}
     for name, array in vars(evidence).items():
-        values[name] = array.copy()
-        values[name][frames] = getattr(nothing, name)
+        values[name] = array
+        if not is_same_in_all_frames(array):
+            values[name] = array.copy()
+            values[name][frames] = getattr(nothing, name)
     return Evidence(**values)
 
 
@@ -120,25 +124,28 @@ def _gather(
 def _in_parts(
     observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
 ) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
-    """_without_depths, of a long recording part by part."""
-    if observations.n_frames <= _FRAMES_AT_ONCE:
-        return _without_depths(observations, rig, config, credible)
+    """without_depths, of a long recording part by part."""
+    if observations.n_frames <= FRAMES_AT_ONCE:
+        return without_depths(observations, rig, config, credible)
     whole: dict[str, np.ndarray] = {}
-    unknown = _not_known_yet(observations.confidence.shape)
-    for start in range(0, observations.n_frames, _FRAMES_AT_ONCE):
-        part = slice(start, start + _FRAMES_AT_ONCE)
-        evidence, triangulated_m = _without_depths(observations.frames(part), rig, config, credible[part])
+    for part in parts_of(observations.n_frames, FRAMES_AT_ONCE):
+        evidence, triangulated_m = without_depths(observations.frames(part), rig, config, credible[part])
         for name, values in (vars(evidence) | {"triangulated_m": triangulated_m}).items():
-            if name in unknown:
-                continue
             if name not in whole:
-                whole[name] = np.empty((observations.n_frames, *values.shape[1:]), values.dtype)
-            whole[name][part] = values
+                whole[name] = _of_all_frames(values, observations.n_frames)
+            if whole[name].flags.writeable:
+                whole[name][part] = values
     triangulated_m = whole.pop("triangulated_m")
-    return Evidence(**whole, **unknown), triangulated_m
+    return Evidence(**whole), triangulated_m
 
 
-def _without_depths(
+def _of_all_frames(of_some: np.ndarray, n_frames: int) -> np.ndarray:
+    """An array like this of all frames, to be filled; as it is, where it is the same in all frames."""
+    shape = n_frames, *of_some.shape[1:]
+    return np.broadcast_to(of_some[0], shape) if is_same_in_all_frames(of_some) else np.empty(shape, of_some.dtype)
+
+
+def without_depths(
     observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
 ) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
     """The evidence but for the depths of the views, and the triangulated joints; frame by frame."""
@@ -159,7 +166,7 @@ def _without_depths(
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
         weights=detection_weights(fusion, observations.confidence, rig, config.projection),
-        sigma_px=np.broadcast_to(rig.in_own_px(config.projection.sigma_px), observations.confidence.shape).copy(),
+        sigma_px=np.broadcast_to(rig.in_own_px(config.projection.sigma_px), observations.confidence.shape),
         credible=credible,
         n_views=observations.seen.sum(axis=1),
         fused_m=fusion.positions_m,

@@ -3,6 +3,7 @@
 from fgpose.io.keypoints.keypoint_files import keypoint_cameras as keypoint_cameras
 from fgpose.io.keypoints.keypoint_files import load_observations as load_observations
 from fgpose.io.keypoints.keypoint_files import load_people as load_people
+from fgpose.io.keypoints.keypoint_files import load_recording as load_recording
 from fgpose.io.keypoints.people_files import save_people_observations as save_people_observations
 from fgpose.io.keypoints.recording_files import save_observations as save_observations
 from fgpose.io.keypoints.uncalibrated import check_sizes as check_sizes

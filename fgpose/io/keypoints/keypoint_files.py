@@ -106,10 +106,32 @@ def load_people(
 
     A recording written by save_observations is of one person, one written by save_people_observations of everybody.
     """
+    seen = load_recording(
+        path,
+        rig,
+        skeleton,
+        fps=fps,
+        points3d_frame=points3d_frame,
+        points3d_unit=points3d_unit,
+        ignore_other_cameras=ignore_other_cameras,
+    )
+    return PeopleObservations.of_one(seen) if isinstance(seen, Observations) else seen
+
+
+def load_recording(
+    path: str | Path,
+    rig: CameraRig,
+    skeleton: str | Path | Skeleton,
+    *,
+    fps: float | None = None,
+    points3d_frame: Points3dFrame = "camera",
+    points3d_unit: Points3dUnit = "mm",
+    ignore_other_cameras: bool = False,
+) -> Observations | PeopleObservations:
+    """As load_people; of one person where that is all that the file can hold: it takes a sixth of the memory."""
     path = Path(path)
     with naming(path):
-        seen = _read(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
-    return PeopleObservations.of_one(seen) if isinstance(seen, Observations) else seen
+        return _read(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
 
 
 def _read(

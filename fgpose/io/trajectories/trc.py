@@ -8,20 +8,22 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.up_axis import WorldUp, y_up
-from fgpose.io.atomic import write_text
+from fgpose.io.atomic import write_lines
 from fgpose.io.content import read_content, text_lines
 from fgpose.io.tables import as_cell, name_in_cell, one_line
 from fgpose.io.trajectories.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
 from fgpose.kinematics.body_size import leg_length
 from fgpose.plain_files import check_expansion
+from fgpose.sampling import parts_of
 from fgpose.skeleton import MAX_JOINTS
 from fgpose.trajectory import Trajectory
 
@@ -47,8 +49,7 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_
         OSError: the file cannot be written.
     """
     file_name = one_line(f"{path.name} (made by fgpose {made_by})" if made_by else path.name)
-    lines = [*_header_lines(trajectory, file_name), *_frame_lines(trajectory, world_up)]
-    write_text(path, "\n".join(lines) + "\n")
+    write_lines(path, chain(_header_lines(trajectory, file_name), _frame_lines(trajectory, world_up)))
 
 
 def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
@@ -65,16 +66,16 @@ def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
     ]
 
 
-def _frame_lines(trajectory: Trajectory, world_up: WorldUp) -> list[str]:
-    known = np.isfinite(trajectory.positions_m).all(axis=-1, keepdims=True)
-    positions_m = np.where(known, y_up(trajectory.positions_m, world_up), np.nan)
-    rows = positions_m.reshape(trajectory.n_frames, 3 * trajectory.skeleton.n_joints).tolist()
-    times_s = np.asarray(trajectory.time_s, dtype=float).tolist()
-    return [
-        # repr is the shortest text that reads back as the same number. OpenSim refuses a row whose last cell is empty.
-        "\t".join([str(number), repr(time_s), *map(repr, row)])
-        for number, (time_s, row) in enumerate(zip(times_s, rows, strict=True), start=1)
-    ]
+def _frame_lines(trajectory: Trajectory, world_up: WorldUp) -> Iterator[str]:
+    for part in parts_of(trajectory.n_frames):
+        known = np.isfinite(trajectory.positions_m[part]).all(axis=-1, keepdims=True)
+        positions_m = np.where(known, y_up(trajectory.positions_m[part], world_up), np.nan)
+        rows = positions_m.reshape(len(positions_m), 3 * trajectory.skeleton.n_joints).tolist()
+        times_s = np.asarray(trajectory.time_s[part], dtype=float).tolist()
+        for number, (time_s, row) in enumerate(zip(times_s, rows, strict=True), start=part.start + 1):
+            # repr is the shortest text that reads back as the same number. OpenSim refuses a row whose last cell is
+            # empty.
+            yield "\t".join([str(number), repr(time_s), *map(repr, row)])
 
 
 def read_trc(path: Path) -> Trajectory:

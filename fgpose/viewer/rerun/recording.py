@@ -102,26 +102,38 @@ class RerunRecording(RerunSession, Recording):
         observations: Observations,
         weights: Float[np.ndarray, "frame camera joint"] | None = None,
         undistorted_px: Float[np.ndarray, "frame camera joint 2"] | None = None,
+        every: int = 1,
     ) -> None:
         self._check_observations(observations, weights)
-        shown = observations.frames(self._kept)
-        weights, undistorted_px = (None if each is None else each[self._kept] for each in (weights, undistorted_px))
+        kept = self._kept_of("the observations have", every)
+        shown = observations.frames(kept)
+        weights, undistorted_px = (None if each is None else each[kept] for each in (weights, undistorted_px))
         rows = observation_rows(shown, self._rig, weights, undistorted_px)
         self._send(rows, shown.frame_time_s, step=self._every)
 
-    def log_trajectory(self, name: str, trajectory: Trajectory) -> None:
+    def log_trajectory(self, name: str, trajectory: Trajectory, every: int = 1) -> None:
         self._check_trajectory(name, trajectory)
-        shown = trajectory.frames(self._kept)
+        shown = trajectory.frames(self._kept_of(f"trajectory {name} has", every))
         self._send(trajectory_rows(name, shown, self._rig, *self._look(name)), shown.time_s, step=self._every)
 
     def log_residuals(
-        self, time_s: Float[np.ndarray, " frame"], residuals: Mapping[str, Float[np.ndarray, "frame joint"]]
+        self,
+        time_s: Float[np.ndarray, " frame"],
+        residuals: Mapping[str, Float[np.ndarray, "frame joint"]],
+        every: int = 1,
     ) -> None:
         self._check_residuals(len(time_s), residuals)
         if residuals:
+            kept = self._kept_of("the residuals have", every)
             self._name_factors(tuple(residuals))
-            shown = {factor: values[self._kept] for factor, values in residuals.items()}
-            self._send(residual_rows(self._skeleton, shown), time_s[self._kept], step=self._every)
+            shown = {factor: values[kept] for factor, values in residuals.items()}
+            self._send(residual_rows(self._skeleton, shown), time_s[kept], step=self._every)
+
+    def _kept_of(self, what_has: str, every: int) -> slice:
+        """Of one frame in so many, those that are shown."""
+        if self._every % every:
+            raise ValueError(f"{what_has} one frame in {every}, the recording shows one in {self._every}")
+        return slice(None, None, self._every // every)
 
     def log_update_times(self, time_s: Float[np.ndarray, " frame"], update_ms: Float[np.ndarray, " frame"]) -> None:
         rows = [scalar_rows(paths.UPDATE_MS, update_ms[self._kept])]

@@ -53,6 +53,24 @@ def test_one_frame_in_so_many_is_shown_as_it_is(rig: CameraRig, first: Trajector
     assert static_value(tmp_path / "some.rrd", "/__properties", "RecordingInfo:name") == "some, one frame in 4"
 
 
+def test_a_result_may_have_the_frames_alone_that_are_shown(rig: CameraRig, first: Trajectory, tmp_path: Path) -> None:
+    for path, every in ((tmp_path / "all.rrd", 1), (tmp_path / "some.rrd", 2)):
+        with open_recording(path, rig, SKELETON, ("smoothed",), every=EVERY) as recording:
+            recording.log_trajectory("smoothed", first.frames(slice(None, None, every)), every)
+    whole = rows(tmp_path / "all.rrd", *JOINTS["smoothed"])
+    assert list(whole) == list(range(0, N_FRAMES, EVERY))
+    assert rows(tmp_path / "some.rrd", *JOINTS["smoothed"]) == whole
+
+
+def test_a_result_without_the_frames_that_are_shown_is_refused(
+    rig: CameraRig, first: Trajectory, tmp_path: Path
+) -> None:
+    with open_recording(tmp_path / "some.rrd", rig, SKELETON, ("smoothed",), every=EVERY) as recording:
+        with pytest.raises(ValueError, match="smoothed has one frame in 3, the recording shows one in 4"):
+            recording.log_trajectory("smoothed", first, 3)
+        recording.log_trajectory("smoothed", first)
+
+
 @pytest.mark.parametrize("live", [False, True])
 def test_people_of_one_frame_in_so_many(
     live: bool,

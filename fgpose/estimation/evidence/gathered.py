@@ -1,0 +1,114 @@
+"""The evidence of a long recording, made again where it is asked for: as a whole it takes more memory than the
+observations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.config import Config
+from fgpose.estimation.evidence.credibility import credible
+from fgpose.estimation.evidence.delays import by_mean_clock
+from fgpose.estimation.evidence.evidence import Evidence, concatenated
+from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE, gather, without, without_depths
+from fgpose.estimation.evidence.plausibility import Bodies
+from fgpose.estimation.evidence.presence import present
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import refuse_changing
+from fgpose.observations import Observations
+from fgpose.sampling import parts_of
+
+LONG_FRAMES = 20_000
+"""With 17 joints and four cameras their evidence takes 50 MB."""
+_KEPT_PARTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """What is needed of all frames at once, and what the evidence of some of them is made from."""
+
+    time_s: Float[np.ndarray, " frame"]
+    guess_m: Float[np.ndarray, "frame joint 3"]
+    implausible: Bool[np.ndarray, " frame"]
+    """See Evidence."""
+    _seen: Bool[np.ndarray, " frame"]
+    _located: Bool[np.ndarray, " frame"]
+    """Whether any joint is."""
+    _left_out: Bool[np.ndarray, " frame"]
+    _credible: Float[np.ndarray, "frame joint"]
+    _observations: Observations
+    _rig: CameraRig
+    """By the mean clock of the cameras."""
+    _config: Config
+    _newest: dict[int, Evidence] = field(default_factory=dict, init=False, repr=False)
+    """Parts by their first frame: windows that overlap ask for the same."""
+
+    @staticmethod
+    def of(observations: Observations, rig: CameraRig, config: Config) -> Gathered:
+        """As gather, of observations whose per-view 3D is not used."""
+        observations.check_cameras(rig.names)
+        refuse_changing(rig)
+        observations, rig = by_mean_clock(observations, rig)
+        (n_frames, _, n_joints), time_s = observations.confidence.shape, observations.frame_time_s
+        guess_m, of_frames = np.empty((n_frames, n_joints, 3)), np.zeros((4, n_frames), dtype=bool)
+        implausible, seen, located, left_out = of_frames
+        said = credible(observations.confidence, time_s)
+        gathered = Gathered(time_s, guess_m, implausible, seen, located, left_out, said, observations, rig, config)
+        n_views, parts = np.empty((n_frames, n_joints), dtype=int), parts_of(n_frames, FRAMES_AT_ONCE)
+        for part in parts:
+            n_views[part] = gathered._learn(part).n_views
+        bodies = Bodies.of(guess_m, n_views, gathered.implausible, observations.skeleton)
+        bodies.refuse_millimetres()
+        if not bodies.are_mostly_implausible:
+            gathered._left_out[:] = bodies.implausible
+            for part in parts:
+                if bodies.implausible[part].any():
+                    gathered._learn(part)
+        return gathered
+
+    def _learn(self, part: slice) -> Evidence:
+        """What is needed of all frames, of those of a part."""
+        evidence = self._part(part)
+        self.guess_m[part], self.implausible[part] = evidence.guess_m, evidence.implausible
+        self._seen[part], self._located[part] = evidence.seen.any(axis=1), evidence.located.any(axis=1)
+        return evidence
+
+    def _part(self, part: slice) -> Evidence:
+        observations, left_out = self._observations.frames(part), self._left_out[part]
+        evidence, _ = without_depths(observations, self._rig, self._config, self._credible[part])
+        return without(evidence, observations, left_out, self._rig, self._config) if left_out.any() else evidence
+
+    def frames(self, frames: slice | Bool[np.ndarray, " frame"] | Int[np.ndarray, " sample"]) -> Evidence:
+        """The evidence of some frames, one at least, in the order of time. It is the same whichever are asked for
+        together, as it is made in the same parts."""
+        wanted = np.arange(len(self.time_s))[frames]
+        of_part = wanted // FRAMES_AT_ONCE
+        parts = []
+        for start in (FRAMES_AT_ONCE * np.unique(of_part)).tolist():
+            own = wanted[of_part == start // FRAMES_AT_ONCE]
+            parts.append(self._kept_part(start).frames(own - start))
+        return concatenated(parts)
+
+    def _kept_part(self, start: int) -> Evidence:
+        if start not in self._newest:
+            if len(self._newest) >= _KEPT_PARTS:
+                del self._newest[next(iter(self._newest))]
+            self._newest[start] = self._part(slice(start, start + FRAMES_AT_ONCE))
+        return self._newest[start]
+
+    @property
+    def implausible_frames(self) -> tuple[int, ...]:
+        return tuple(np.flatnonzero(self.implausible).tolist())
+
+    def present(self, coast_s: float) -> Bool[np.ndarray, " frame"]:
+        """See Evidence.present."""
+        return present(self._seen, self._located, self.time_s, coast_s)
+
+
+def gather_long(observations: Observations, rig: CameraRig, config: Config) -> Evidence | Gathered:
+    """As gather; of a long recording part by part, where it is needed."""
+    uses_depths = observations.points3d_m is not None and config.depth.use != "never"
+    is_long = observations.n_frames > LONG_FRAMES and not uses_depths
+    return Gathered.of(observations, rig, config) if is_long else gather(observations, rig, config)

@@ -1,0 +1,56 @@
+"""The evidence of a long recording, part by part, is that of the whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fgpose.config import Config
+from fgpose.estimation.evidence import gathered as gathered_module
+from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.evidence.gathered import Gathered
+from fgpose.estimation.smoother import smooth
+from fgpose.observations import Observations
+from fgpose_benchmarks.synthetic import Scene
+
+COAST_S = 1.0
+
+
+@pytest.fixture
+def seen(walking_scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Observations:
+    """Somebody who is away for 1.3 s, with a frame that makes no body, and a camera whose clock is late."""
+    monkeypatch.setattr(gathered_module, "FRAMES_AT_ONCE", 7)
+    observations = walking_scene.observations
+    points2d_px, confidence = observations.points2d_px.copy(), observations.confidence.copy()
+    points2d_px[15:55], confidence[15:55] = np.nan, 0.0
+    points2d_px[4] *= 40
+    time_s = observations.time_s[:, None] + np.array([0.0, 0.004, 0.0, 0.0])
+    changed = {"points2d_px": points2d_px, "confidence": confidence, "time_s": time_s}
+    return replace(observations, **changed, points3d_m=None, covariance3d_m2=None)
+
+
+@pytest.mark.parametrize("frames", [slice(None), slice(3, 30), slice(0, None, 9), np.array([4, 8, 55, 59])])
+def test_evidence_of_some_frames(seen: Observations, walking_scene: Scene, frames: slice | np.ndarray) -> None:
+    rig, config = walking_scene.rig, Config()
+    whole, parts = gather(seen, rig, config), Gathered.of(seen, rig, config)
+    assert whole.implausible_frames == parts.implausible_frames == (4,)
+    np.testing.assert_array_equal(parts.guess_m, whole.guess_m)
+    np.testing.assert_array_equal(parts.present(COAST_S), whole.present(COAST_S))
+    some = parts.frames(frames)
+    for name, expected in vars(whole.frames(frames)).items():
+        # Parts of other lengths are summed in another order.
+        np.testing.assert_allclose(getattr(some, name), expected, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+def test_a_long_recording_is_smoothed_as_a_short_one(
+    seen: Observations, walking_scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = smooth(seen, walking_scene.rig)
+    monkeypatch.setattr(gathered_module, "LONG_FRAMES", 1)
+    found = smooth(seen, walking_scene.rig)
+    np.testing.assert_array_equal(found.status, expected.status)
+    assert found.implausible_frames == expected.implausible_frames == (4,)
+    # To what the optimiser's tolerance leaves, where guesses differ by rounding.
+    np.testing.assert_allclose(found.positions_m, expected.positions_m, atol=1e-6)

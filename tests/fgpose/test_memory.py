@@ -1,0 +1,98 @@
+"""Memory that a long recording takes: what each frame more adds, in what its observations take."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fgpose.config import Config
+from fgpose.estimation import smoother
+from fgpose.estimation.evidence import gathered
+from fgpose.estimation.segment import Segment
+from fgpose.estimation.solution import Solution
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import save_rig
+from fgpose.io.keypoints import save_observations
+from fgpose.observations import Observations
+from fgpose.pipeline import load_source
+from fgpose.skeleton import Skeleton
+
+# Both are so long that what is done in parts has its largest memory in both.
+SHORT, LONG = 6000, 12000
+
+
+@pytest.fixture(scope="module")
+def recording(rig: CameraRig, skeleton: Skeleton) -> Observations:
+    """Somebody who moves a little."""
+    rng = np.random.default_rng(0)
+    body_m = rng.normal((0.0, 0.0, 1.0), (0.2, 0.2, 0.4), (skeleton.n_joints, 3))
+    sway_m = 0.1 * np.sin(np.arange(LONG) / 60)[:, None, None]
+    points2d_px = rig.project(body_m + sway_m)
+    points2d_px += rng.normal(0, 2, points2d_px.shape)
+    confidence = rng.uniform(0.6, 1.0, points2d_px.shape[:-1])
+    return Observations(skeleton, np.arange(LONG) / 60, points2d_px, confidence, camera_names=rig.names)
+
+
+def growth(work: Callable[[Observations], object], recording: Observations) -> float:
+    """By how much the largest memory while this is done grows with each frame, over that of its observations."""
+    peaks = []
+    for n_frames in (SHORT, LONG):
+        part = recording.first_frames(n_frames)
+        tracemalloc.start()
+        try:
+            result = work(part)
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+        del result
+    of_frame = recording.points2d_px[0].nbytes + recording.confidence[0].nbytes
+    return (peaks[1] - peaks[0]) / (LONG - SHORT) / of_frame
+
+
+def test_a_file_of_one_person_is_read_into_the_arrays_of_the_recording(
+    recording: Observations, rig: CameraRig, tmp_path: Path
+) -> None:
+    """Arrays in single precision, as in the file, and those of the recording: 1.5. With an object for each image it
+    were 6."""
+    save_rig(rig, tmp_path / "rig.toml")
+    for n_frames in (SHORT, LONG):
+        save_observations(recording.first_frames(n_frames), tmp_path / f"{n_frames}.npz")
+    skeleton = recording.skeleton
+
+    def load(part: Observations) -> object:
+        return load_source(tmp_path / f"{part.n_frames}.npz", tmp_path / "rig.toml", skeleton)
+
+    assert growth(load, recording) < 2.0
+
+
+def test_evidence_of_a_long_recording_is_made_where_it_is_needed(
+    recording: Observations, rig: CameraRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is needed of all frames (guesses, credibilities), and sums of the confidences."""
+    monkeypatch.setattr(gathered, "LONG_FRAMES", SHORT - 1)
+    assert growth(lambda part: gathered.gather_long(part, rig, Config()), recording) < 1.0
+
+
+def test_the_smoother_keeps_its_result_and_little_else(
+    recording: Observations, rig: CameraRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A result takes 1.7 times the observations, most of it covariances; the rest is first guesses."""
+    monkeypatch.setattr(gathered, "LONG_FRAMES", SHORT - 1)
+    monkeypatch.setattr(smoother, "_solve", first_guess)
+
+    def smoothed(part: Observations) -> object:
+        return smoother.smooth(part, rig, unfinished=tmp_path / str(part.n_frames))
+
+    assert growth(smoothed, recording) < 3.0
+
+
+def first_guess(segment: Segment) -> Solution:
+    """In place of the optimum: what it takes to find that depends on the window, not on the recording."""
+    nobody = Solution.of_nobody(segment)
+    covariance_m2 = np.broadcast_to(1e-4 * np.eye(3), (*segment.active.shape, 3, 3)).copy()
+    return replace(nobody, positions_m=segment.evidence.guess_m, covariance_m2=covariance_m2)
