@@ -40,14 +40,13 @@ NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
 def test_one_line_says_what_is_wrong(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for columns in ("60", "200"):
-        monkeypatch.setenv("COLUMNS", columns)
-        with pytest.raises(SystemExit) as end:
-            main(arguments)
-        assert end.value.code == 2
-        printed = capsys.readouterr()
-        assert printed.err == f"fgpose: error: {message}\n"
-        assert not printed.out
+    monkeypatch.setenv("COLUMNS", "60")  # in which the boxes break their lines
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.err == f"fgpose: error: {message}\n"
+    assert not printed.out
 
 
 @pytest.mark.parametrize("command", ["smooth", "track", "refine", "run"])

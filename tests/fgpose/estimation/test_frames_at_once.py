@@ -25,7 +25,7 @@ def test_frames_at_once_change_nothing(
     config = Config().replace(depth={"use": use})
     whole = gather.gather(observations, rig, config)
     assert np.isfinite(whole.depth_sigma_m).any()
-    monkeypatch.setattr(gather, "_FRAMES_AT_ONCE", 7)
+    monkeypatch.setattr(gather, "FRAMES_AT_ONCE", 7)
     for name, array in vars(gather.gather(observations, rig, config)).items():
         # Sums of matrix products may be ordered otherwise.
         np.testing.assert_allclose(array, getattr(whole, name), rtol=1e-9, atol=1e-9, err_msg=name)
