@@ -153,5 +153,5 @@ def test_formats_are_read_and_written(tmp_path: Path) -> None:
     truth = a_trajectory()
     fgpose.save_trajectory(truth, "pose.mine")
     assert_allclose(fgpose.load_trajectory("pose.mine").positions_m, truth.positions_m)
-    with pytest.raises(ValueError, match=r"written as .parquet, .npz, .trc, .c3d, .mine, not as .yours"):
+    with pytest.raises(ValueError, match=r"written as .parquet, .npz, .csv, .trc, .c3d, .mine, not as .yours"):
         fgpose.save_trajectory(truth, "pose.yours")

@@ -78,6 +78,7 @@ def test_evidence_of_a_long_recording_is_made_where_it_is_needed(
     assert growth(lambda part: gathered.gather_long(part, rig, Config()), recording) < 1.0
 
 
+@pytest.mark.slow
 def test_the_smoother_keeps_its_result_and_little_else(
     recording: Observations, rig: CameraRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -73,7 +73,7 @@ def test_help_explains_and_gives_an_example(command: str, capsys: pytest.Capture
     options = {"--model", "--network", "--detector", "--device", "--fps", "--people", "--jobs", "--cache"}
     options.add("--person-region")
     if command == "run":
-        options |= {"--projection.sigma-px", "--refine-calibration", "--config", "--no-images", "--image-width"}
+        options |= {"--help-all", "--refine-calibration", "--config", "--no-images", "--image-width"}
     assert {option for option in options if option not in printed} == set()
 
 
