@@ -19,7 +19,7 @@ Groups = Sequence[Sequence[int]]
 
 # How the damping of a metre acts on unknowns of other units: an image moves as much by 1 / 4.5 rad, or by that relative
 # change of the focal length, as by a metre at 4.5 m.
-_DISTANCE_M = 4.5
+DISTANCE_M = 4.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Unknowns:
     def scale_m2(self) -> Float[np.ndarray, " shared"]:
         """Squared metres that a unit of each unknown moves what a camera sees by, roughly."""
         of_camera = np.ones(N_OF_CAMERA)
-        of_camera[[*range(ROTATION.start, ROTATION.stop), FOCAL, *range(CENTRE.start, CENTRE.stop)]] = _DISTANCE_M**2
+        of_camera[[*range(ROTATION.start, ROTATION.stop), FOCAL, *range(CENTRE.start, CENTRE.stop)]] = DISTANCE_M**2
         return np.max(np.tile(of_camera, self.n_cameras)[:, None] * self.columns, axis=0, initial=0.0)
 
     def of_cameras(self, shared: Float[np.ndarray, " shared"]) -> Float[np.ndarray, "camera 11"]:

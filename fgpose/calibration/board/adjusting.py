@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.assessment.metrics import mean_known
 from fgpose.calibration.board.lens import LensKind
 from fgpose.calibration.board.problem import BoardBundle, BoardProblem
 from fgpose.calibration.board.sightings import BoardSightings, LeftOut
@@ -48,9 +49,8 @@ class AdjustedBoards:
     @property
     def rms_px(self) -> Float[np.ndarray, " camera"]:
         """Root mean square of the lengths of the reprojection errors; NaN: none."""
-        squared = np.sum(self.residual_px**2, axis=-1)
-        return np.array([np.sqrt(np.mean(own[np.isfinite(own)])) if np.isfinite(own).any() else np.nan
-                         for own in squared.swapaxes(0, 1)])  # fmt: skip
+        by_camera = np.sum(self.residual_px**2, axis=-1).swapaxes(0, 1)
+        return np.sqrt(mean_known(by_camera.reshape(len(by_camera), -1), axis=1))
 
 
 def adjust(sightings: BoardSightings, kinds: Sequence[LensKind], start: BoardBundle) -> AdjustedBoards:
@@ -79,8 +79,21 @@ def view_rms_px(adjusted: AdjustedBoards) -> Float[np.ndarray, "moment camera"]:
         return np.sqrt(np.where(seen, squared, 0.0).sum(axis=-1) / seen.sum(axis=-1))
 
 
-def left_out(adjusted: AdjustedBoards, wrong: Bool[np.ndarray, "moment camera"], why: str) -> list[LeftOut]:
-    """Each with its reason, in which {0} is the root mean square in pixels."""
+def again_without(adjusted: AdjustedBoards, wrong: Bool[np.ndarray, "moment camera"], why: str) -> AdjustedBoards:
+    """Adjusted again without some views.
+
+    Args:
+        adjusted: with them.
+        wrong: the views.
+        why: the reason, in which {0} is the root mean square of a view in pixels.
+    """
+    before, bundle = adjusted.sightings, adjusted.bundle
+    sightings = before.without(wrong, _left_out(adjusted, wrong, why))
+    kept = np.isin(before.time_s, sightings.time_s)
+    return adjust(sightings, adjusted.kinds, replace(bundle, world_T_board=bundle.world_T_board[kept]))
+
+
+def _left_out(adjusted: AdjustedBoards, wrong: Bool[np.ndarray, "moment camera"], why: str) -> list[LeftOut]:
     rms_px, sightings = view_rms_px(adjusted), adjusted.sightings
     return [
         LeftOut(sightings.camera_names[c], float(sightings.time_s[t]), why.format(float(rms_px[t, c])))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.board.adjusting import AdjustedBoards, adjust, left_out, wrong_views
+from fgpose.calibration.board.adjusting import AdjustedBoards, adjust, again_without, wrong_views
 from fgpose.calibration.board.lens import LensKind, camera_of
 from fgpose.calibration.board.lenses import LADDERS, FittedLens, LensChoice, fit_lens, held_lens
 from fgpose.calibration.board.placing import place
@@ -101,10 +101,10 @@ def calibrate_from_boards(
         if progress:
             progress(c + 1, n_steps)
     used = _explained(sightings, fitted)
-    placed = place(used, fitted)
+    start = place(used, fitted)
     if progress:
         progress(len(names) + 1, n_steps)
-    adjusted = _richest(adjust(used, [each.kind for each in fitted], placed.bundle))
+    adjusted = _richest(adjust(used, [each.kind for each in fitted], start))
     adjusted = _without_wrong_views(adjusted)
     if progress:
         progress(len(names) + 2, n_steps)
@@ -143,11 +143,7 @@ def _without_wrong_views(adjusted: AdjustedBoards) -> AdjustedBoards:
     wrong, sees = wrong_views(adjusted), adjusted.sightings.shows_board
     if not wrong.any() or (2 * wrong.sum(axis=0) > sees.sum(axis=0)).any():
         return adjusted
-    reasons = left_out(adjusted, wrong, "its corners are {0:.1f} px beside where the other cameras have the board")
-    sightings = adjusted.sightings.without(wrong, reasons)
-    bundle, kept = adjusted.bundle, np.isin(adjusted.sightings.time_s, sightings.time_s)
-    start = replace(bundle, world_T_board=bundle.world_T_board[kept])
-    return adjust(sightings, adjusted.kinds, start)
+    return again_without(adjusted, wrong, "its corners are {0:.1f} px beside where the other cameras have the board")
 
 
 def _judged(adjusted: AdjustedBoards, fitted: Sequence[FittedLens], origin: WorldOrigin) -> CalibratedFromBoards:
@@ -159,7 +155,7 @@ def _judged(adjusted: AdjustedBoards, fitted: Sequence[FittedLens], origin: Worl
     residual_px = np.linalg.norm(adjusted.residual_px, axis=-1)
     alone_px = np.array([each.rms_px for each in fitted])
     links = linked(sightings)
-    inputs = VerdictInputs.of(adjusted, rig, sigmas, residual_px, alone_px, links)
+    inputs = VerdictInputs.of(adjusted, rig, sigmas, alone_px, links)
     return CalibratedFromBoards(
         rig=rig,
         sigmas=sigmas,

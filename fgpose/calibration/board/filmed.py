@@ -16,6 +16,7 @@ from fgpose.calibration.board.sightings import BoardSightings, LeftOut
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.network import Image
 from fgpose.monocular.sources import find_clips
+from fgpose.sampling import TIME_ROUNDING_S, nearest, spread_evenly, usual_step_s
 from fgpose_factors.robust_statistics import known_median
 
 _MOST_MOMENTS = 240  # of a recording that are looked at, evenly spread
@@ -102,17 +103,16 @@ def boards_in(
 def _moments(times_s: Sequence[Float[np.ndarray, " image"]]) -> tuple[np.ndarray, Int[np.ndarray, "moment camera"]]:
     """Times, and the number of the image of each camera then, -1 where there is none."""
     reference = max(times_s, key=len)
-    step_s = float(np.median(np.diff(reference))) if len(reference) > 1 else 1.0
+    step_s = usual_step_s(reference) if len(reference) > 1 else 1.0
     # All times, so that a moment that one camera has not is one of the others.
     every_s = np.sort(np.concatenate(times_s))
     every_s = every_s[np.append(True, np.diff(every_s) > step_s / 2)]
-    chosen = np.unique(np.linspace(0, len(every_s) - 1, min(_MOST_MOMENTS, len(every_s))).astype(int))
-    moments_s = every_s[chosen]
+    moments_s = every_s[spread_evenly(len(every_s), _MOST_MOMENTS)]
     images = np.full((len(moments_s), len(times_s)), -1)
     for c, own_s in enumerate(times_s):
-        nearest = np.abs(own_s - moments_s[:, None]).argmin(axis=1)
-        is_then = np.abs(own_s[nearest] - moments_s) <= step_s / 2 + 1e-6
-        images[is_then, c] = nearest[is_then]
+        number = nearest(moments_s, own_s)
+        is_then = np.abs(own_s[number] - moments_s) <= step_s / 2 + TIME_ROUNDING_S
+        images[is_then, c] = number[is_then]
     return moments_s, images
 
 
@@ -160,7 +160,7 @@ def _used(
                 reasons.append(LeftOut(clip.name, float(moments_s[t]), blurred))
     sizes_px = tuple(clip.size_px for clip in clips)
     new = _new(points_px, np.array([np.hypot(*size) for size in sizes_px]))
-    few = new[np.unique(np.linspace(0, len(new) - 1, min(_MOST_USED, len(new))).astype(int))]
+    few = new[spread_evenly(len(new), _MOST_USED)]
     names = tuple(clip.name for clip in clips)
     return BoardSightings(board, names, sizes_px, moments_s[few], points_px[few], tuple(reasons))
 

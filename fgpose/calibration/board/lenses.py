@@ -12,12 +12,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.board.adjusting import AdjustedBoards, adjust, left_out, wrong_views
+from fgpose.calibration.board.adjusting import AdjustedBoards, adjust, again_without, wrong_views
 from fgpose.calibration.board.lens import N_OF_LENS, LensKind, matrix_of, numbers_of
 from fgpose.calibration.board.problem import BoardBundle
 from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.lens import LensModel, without_distortion
+from fgpose.sampling import spread_evenly
 
 LensChoice = Literal["auto", "pinhole", "fisheye"]
 
@@ -97,7 +98,7 @@ def _start(sightings: BoardSightings, model: LensModel) -> BoardBundle:
     """Without distortion, with the focal length that explains views best, and the principal point in the middle."""
     width, height = sightings.sizes_px[0]
     n_views = len(sightings.time_s)
-    tried = np.unique(np.linspace(0, n_views - 1, _TRIED_VIEWS).astype(int)).tolist()
+    tried = spread_evenly(n_views, _TRIED_VIEWS).tolist()
 
     def lens(share: float) -> np.ndarray:
         focal_px = share * max(width, height)
@@ -144,11 +145,7 @@ def _without_wrong_views(adjusted: AdjustedBoards) -> FittedLens:
     """Again without views that the lens cannot explain."""
     wrong = wrong_views(adjusted)
     if wrong.any() and (~wrong).sum() >= MIN_VIEWS:
-        reasons = left_out(adjusted, wrong, "its corners are {0:.1f} px beside a flat board")
-        sightings = adjusted.sightings.without(wrong, reasons)
-        kept = ~wrong[:, 0]
-        start = replace(adjusted.bundle, world_T_board=adjusted.bundle.world_T_board[kept])
-        adjusted = adjust(sightings, adjusted.kinds, start)
+        adjusted = again_without(adjusted, wrong, "its corners are {0:.1f} px beside a flat board")
     bundle = adjusted.bundle
     return FittedLens(
         adjusted.kinds[0], bundle.lenses[0], adjusted.sightings, bundle.world_T_board, float(adjusted.rms_px[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,25 +13,19 @@ from fgpose.calibration.board.problem import BoardBundle, BoardProblem
 from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.geometry.rigid import inverse, pose_of
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
 # Relative poses of two cameras by single views of the board, as a share of its distance.
 _AGREEMENT = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """Cameras and boards in the frame of the first camera."""
-
-    bundle: BoardBundle
-    links: Int[np.ndarray, "camera camera"]
-    """Moments at which both see the board and agree on where they stand."""
 
 
 class NotLinkedError(ValueError):
     """Some cameras never see the board together with the others."""
 
 
-def place(sightings: BoardSightings, lenses: Sequence[FittedLens]) -> Placed:
-    """Chain the cameras to the first.
+def place(sightings: BoardSightings, lenses: Sequence[FittedLens]) -> BoardBundle:
+    """Cameras and boards in the frame of the first camera, to which the cameras are chained.
 
     Args:
         sightings: of all cameras, only with views that their lenses explain.
@@ -50,8 +44,14 @@ def place(sightings: BoardSightings, lenses: Sequence[FittedLens]) -> Placed:
             links[b, a], relative[b, a] = links[a, b], inverse(relative[a, b])
     world_T_camera = _chained(links, relative, sightings.camera_names)
     numbers = np.stack([lens.numbers for lens in lenses])
-    bundle = BoardBundle(world_T_camera, numbers, _boards(sightings, lenses, world_T_camera, poses))
-    return Placed(bundle, links)
+    return BoardBundle(world_T_camera, numbers, _boards(sightings, lenses, world_T_camera, poses))
+
+
+def strongest_tree(links: Int[np.ndarray, "camera camera"]) -> csr_matrix:
+    """Of the links of pairs of cameras, by moments, those of the strongest tree; zero elsewhere."""
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
+    return minimum_spanning_tree(np.divide(1.0, links, out=np.zeros(links.shape), where=links > 0))
 
 
 def camera_T_boards(sightings: BoardSightings, lenses: Sequence[FittedLens]) -> Float[np.ndarray, "moment camera 4 4"]:
@@ -85,10 +85,9 @@ def _chained(
     links: Int[np.ndarray, "camera camera"], relative: Float[np.ndarray, "camera camera 4 4"], names: Sequence[str]
 ) -> Float[np.ndarray, "camera 4 4"]:
     """world_T_camera along the tree of the strongest links."""
-    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+    from scipy.sparse.csgraph import breadth_first_order
 
-    weights = np.divide(1.0, links, out=np.zeros(links.shape), where=links > 0)
-    order, before = breadth_first_order(minimum_spanning_tree(weights), 0, directed=False)
+    order, before = breadth_first_order(strongest_tree(links), 0, directed=False)
     lost = [name for c, name in enumerate(names) if c not in order]
     if lost:
         placed = [str(names[c]) for c in sorted(order.tolist())]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.calibration.adjustment.unknowns import DISTANCE_M
 from fgpose.calibration.board.lens import N_OF_LENS, LensKind, image_of, moved_lens
 from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
@@ -22,8 +23,6 @@ N_OF_CAMERA = 6 + N_OF_LENS
 POSE, LENS = slice(0, 6), slice(6, N_OF_CAMERA)
 # A corner that is wrong is off by many pixels. Of errors that are normal, 1 % are beyond this.
 _KERNEL, _KERNEL_SCALE = "huber", 3.0
-# As in fgpose.calibration.adjustment: what a radian, or a relative change of the focal length, moves at 4.5 m.
-_DISTANCE_M = 4.5
 _STEP_TOLERANCE_M = 1e-6  # a hundredth of the standard deviation of a good calibration
 _MAX_ITERATIONS = 100
 _MIN_DEPTH_M = 1e-3
@@ -111,8 +110,8 @@ class BoardProblem:
 
     @property
     def damping_scale(self) -> Float[np.ndarray, " unknown"]:
-        of_pose = np.repeat([_DISTANCE_M**2, 1.0], 3)
-        of_camera = np.append(of_pose, np.full(N_OF_LENS, _DISTANCE_M**2))
+        of_pose = np.repeat([DISTANCE_M**2, 1.0], 3)
+        of_camera = np.append(of_pose, np.full(N_OF_LENS, DISTANCE_M**2))
         shared = np.max(np.tile(of_camera, len(self._kinds))[:, None] * self.columns, axis=0, initial=0.0)
         return np.append(shared, np.tile(of_pose, len(self._seen)))
 

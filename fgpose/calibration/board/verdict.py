@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.board.adjusting import AdjustedBoards
+from fgpose.calibration.board.placing import strongest_tree
 from fgpose.calibration.board.sigmas import BoardSigmas
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.geometry.camera import CameraRig
@@ -56,7 +57,6 @@ class VerdictInputs:
         adjusted: AdjustedBoards,
         rig: CameraRig,
         sigmas: BoardSigmas,
-        residual_px: Float[np.ndarray, "moment camera point"],
         alone_px: Float[np.ndarray, " camera"],
         links: Int[np.ndarray, "camera camera"],
     ) -> VerdictInputs:
@@ -77,7 +77,7 @@ class VerdictInputs:
             links=links,
             distance_m=np.nanmedian(distance_m, axis=0),
             covered=np.where([kind.held for kind in adjusted.kinds], 1.0, reach),
-            rms_px=np.sqrt(np.nanmean(residual_px**2, axis=(0, 2))),
+            rms_px=adjusted.rms_px,
             alone_px=alone_px,
             width_px=sizes_px.max(axis=1),
             converged=adjusted.converged,
@@ -144,10 +144,9 @@ def _weak_links(names: Sequence[str], links: Int[np.ndarray, "camera camera"]) -
 
 def _parts(links: Int[np.ndarray, "camera camera"]) -> list[list[int]]:
     """What the tree of the strongest links falls into where one of its links is cut: the smaller of both parts."""
-    from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+    from scipy.sparse.csgraph import connected_components
 
-    weights = np.divide(1.0, links, out=np.zeros(links.shape), where=links > 0)
-    tree = minimum_spanning_tree(weights).toarray()
+    tree = strongest_tree(links).toarray()
     parts = []
     for edge in np.argwhere(tree):
         cut = tree.copy()
