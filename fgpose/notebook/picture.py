@@ -9,10 +9,9 @@ from fgpose.geometry.up_axis import z_up
 from fgpose.kinematics.vertical import find_up
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
+from fgpose.viewer.skeleton_picture import LEFT, MIDDLE, RIGHT
 
 _POSES, _HEIGHT_PX, _GAP_PX, _MARGIN_PX = 5, 130.0, 14.0, 6.0
-# Seen on light and on dark, and by the colour-blind (Okabe and Ito): left, right, and what is in the middle.
-_LEFT, _RIGHT, _MIDDLE = "#0072b2", "#d55e00", "#808890"
 # Time to find the vertical in; a pose is taken near its moment, where most joints are known.
 _MOST_FRAMES, _NEAR = 500, 0.05
 
@@ -55,8 +54,8 @@ def _mask(n_frames: int, frames: np.ndarray) -> np.ndarray:
 def _moments(known: np.ndarray) -> list[int]:
     """Frames spread over the time, near which most joints are known."""
     reach = max(1, round(_NEAR * len(known)))
-    wanted = np.linspace(0, len(known) - 1, min(_POSES, len(known))).round().astype(int)
-    ranges = [(max(0, frame - reach), frame + reach + 1) for frame in wanted.tolist()]
+    wanted = spread_evenly(len(known), _POSES).tolist()
+    ranges = [(max(0, frame - reach), frame + reach + 1) for frame in wanted]
     chosen = [begin + int(known[begin:end].argmax()) for begin, end in ranges]
     return [frame for frame in dict.fromkeys(chosen) if known[frame]] or [int(known.argmax())]
 
@@ -70,16 +69,16 @@ def _across(positions_m: Float[np.ndarray, "joint 3"], before: Float[np.ndarray,
 
 def _pose(in_px: Float[np.ndarray, "joint 2"], trajectory: Trajectory) -> str:
     skeleton = trajectory.skeleton
-    side = {joint: colour for pair in skeleton.left_right for joint, colour in zip(pair, (_LEFT, _RIGHT), strict=True)}
+    side = {joint: colour for pair in skeleton.left_right for joint, colour in zip(pair, (LEFT, RIGHT), strict=True)}
     known: list[bool] = np.isfinite(in_px).all(axis=1).tolist()  # pyright: ignore[reportAssignmentType]
     lines = [
         f'<path d="M{in_px[a, 0]:.1f} {in_px[a, 1]:.1f}L{in_px[b, 0]:.1f} {in_px[b, 1]:.1f}" '
-        f'stroke="{side.get(b, side.get(a, _MIDDLE))}"/>'
+        f'stroke="{side.get(b, side.get(a, MIDDLE))}"/>'
         for a, b in (*skeleton.bones, *skeleton.lines)
         if known[a] and known[b]
     ]
     joints = [
-        f'<circle cx="{in_px[joint, 0]:.1f}" cy="{in_px[joint, 1]:.1f}" r="1.8" fill="{side.get(joint, _MIDDLE)}"/>'
+        f'<circle cx="{in_px[joint, 0]:.1f}" cy="{in_px[joint, 1]:.1f}" r="1.8" fill="{side.get(joint, MIDDLE)}"/>'
         for joint in np.flatnonzero(known).tolist()
     ]
     return f'<g fill="none" stroke-width="2" stroke-linecap="round">{"".join(lines)}</g>{"".join(joints)}'

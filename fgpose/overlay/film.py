@@ -10,7 +10,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.changing_rig import held_by, later_s, pieces_of
@@ -44,9 +44,10 @@ class Shown:
         taken_s = stamp_s + later_s(camera, stamp_s)
         return Shown(clip, camera, taken_s, Moments(people, taken_s))
 
-    def wanted(self, wanted: TimeRange) -> np.ndarray:
-        """Numbers of the images in that time."""
-        return np.flatnonzero(wanted.contains(self.taken_s))
+    def numbers(self, wanted: TimeRange) -> Int[np.ndarray, " wanted"]:
+        """Of the images in that time. Raises ValueError: there is none; the message names the video."""
+        with naming(self.clip.path):
+            return np.flatnonzero(wanted.of(self.taken_s))
 
     def drawn(self, first: int, width_px: int, drawing: Drawing) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
         """The images from one on, with people and caption, scaled to a width."""
@@ -104,7 +105,7 @@ def film_of_each(
         ValueError: no image is in that time, or one cannot be read; the message names the video.
         OSError: a film cannot be written.
     """
-    numbers = [_some(camera, wanted) for camera in cameras]
+    numbers = [camera.numbers(wanted) for camera in cameras]
     done, total = 0, sum(map(len, numbers))
     for camera, path, its in zip(cameras, paths, numbers, strict=True):
         size_px = camera.size_px(width_px or camera.clip.size_px[0])
@@ -121,7 +122,7 @@ def film_of_all(
 ) -> None:
     """One film of all cameras in a grid, at the rate of the fastest: of each the image that was taken last before the
     middle of the step. Arguments and errors as of film_of_each; width_px is that of the grid."""
-    numbers = [_some(camera, wanted) for camera in cameras]
+    numbers = [camera.numbers(wanted) for camera in cameras]
     fps = max(camera.clip.fps for camera in cameras)
     begin_s = min(float(camera.taken_s[its[0]]) for camera, its in zip(cameras, numbers, strict=True))
     end_s = max(float(camera.taken_s[its[-1]]) for camera, its in zip(cameras, numbers, strict=True))
@@ -191,14 +192,6 @@ def _columns(sizes_px: list[tuple[int, int]]) -> int:
         return abs(math.log(n_columns * width / (n_rows * height) / (16 / 9)))
 
     return min(range(1, len(sizes_px) + 1), key=unlike)
-
-
-def _some(camera: Shown, wanted: TimeRange) -> np.ndarray:
-    numbers = camera.wanted(wanted)
-    if not len(numbers):
-        with naming(camera.clip.path):
-            wanted.of(camera.taken_s)
-    return numbers
 
 
 def _even(length: int | float) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.overlay.drawing import Pose
-from fgpose.sampling import between_images
+from fgpose.sampling import between_images, nearest
 from fgpose.trajectory import Trajectory
 
 
@@ -23,7 +23,7 @@ class Moments:
     def __init__(self, people: Mapping[int, Trajectory], time_s: Float[np.ndarray, " image"]) -> None:
         self._people = people
         self._positions_m = {n: between_images(each.time_s, each.positions_m, time_s) for n, each in people.items()}
-        self._nearest = {n: _nearest(each.time_s, time_s) for n, each in people.items()}
+        self._nearest = {n: nearest(time_s, each.time_s) for n, each in people.items()}
 
     def poses(self, image: int) -> list[Pose]:
         """Of everybody of whom something is estimated then."""
@@ -34,9 +34,3 @@ class Moments:
                 covariance_m2 = None if trajectory.covariance_m2 is None else trajectory.covariance_m2[frame]
                 found.append(Pose(person, positions_m, trajectory.status[frame], covariance_m2))
         return found
-
-
-def _nearest(frames_s: Float[np.ndarray, " frame"], time_s: Float[np.ndarray, " image"]) -> np.ndarray:
-    after = np.clip(np.searchsorted(frames_s, time_s), 1, max(len(frames_s) - 1, 1))
-    later = np.minimum(after, len(frames_s) - 1)
-    return np.where(time_s - frames_s[after - 1] <= frames_s[later] - time_s, after - 1, later)

@@ -36,11 +36,12 @@ _PLACES = {
     "small_toe": (0.13, -0.02),
 }
 _HEIGHT_PX, _WIDTH_PX, _MARGIN_PX = 900, 720, 60
-_LEFT, _RIGHT, _MIDDLE = "#e69f00", "#0072b2", "#666666"  # Okabe and Ito, on white and on black
+# Seen on light and on dark, and by the colour-blind (Okabe and Ito).
+LEFT, RIGHT, MIDDLE = "#0072b2", "#d55e00", "#808890"
 
 
 def skeleton_picture(skeleton: Skeleton) -> str:
-    """Joints with their names and indices: left orange, right blue; bones of constant length solid, other lines dashed.
+    """Joints with their names and indices: left blue, right orange; bones of constant length solid, other lines dashed.
 
     Raises:
         ValueError: it has joints of other names than the built-in skeletons, whose places are not known.
@@ -52,13 +53,13 @@ def skeleton_picture(skeleton: Skeleton) -> str:
         for (x1, y1), (x2, y2) in (places_px[list(pair)] for pair in pairs)
     ]
     for name, (x, y) in zip(skeleton.joints, places_px, strict=True):
-        colour = _LEFT if name.startswith("left_") else _RIGHT if name.startswith("right_") else _MIDDLE
+        colour = LEFT if name.startswith("left_") else RIGHT if name.startswith("right_") else MIDDLE
         shapes.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="{colour}"/>')
     shapes += _labels(skeleton, places_px)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH_PX} {_HEIGHT_PX}" font-family="sans-serif" '
-        f'font-size="12" fill="{_MIDDLE}">\n<title>{escape(skeleton.name)}</title>\n'
-        f'<g stroke="{_MIDDLE}" stroke-width="2" stroke-linecap="round">\n' + "\n".join(shapes) + "\n</g>\n</svg>\n"
+        f'font-size="12" fill="{MIDDLE}">\n<title>{escape(skeleton.name)}</title>\n'
+        f'<g stroke="{MIDDLE}" stroke-width="2" stroke-linecap="round">\n' + "\n".join(shapes) + "\n</g>\n</svg>\n"
     )
 
 

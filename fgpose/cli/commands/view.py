@@ -57,7 +57,7 @@ class View:
         if is_rrd and self.from_s is None and self.to_s is None:
             self._open(self.file)
             return
-        wanted = TimeRange(-np.inf if self.from_s is None else self.from_s, np.inf if self.to_s is None else self.to_s)
+        wanted = _time_range(self.from_s, self.to_s)
         with tempfile.TemporaryDirectory(prefix="fgpose-") as folder:
             self._open(self._rrd_part(wanted, Path(folder)) if is_rrd else self._made_rrd(wanted, Path(folder)))
 
@@ -111,6 +111,11 @@ class View:
         code = run_program(command)
         if code:
             raise OSError(f"the viewer ended with code {code}")
+
+
+def _time_range(from_s: float | None, to_s: float | None) -> TimeRange:
+    """None: from the beginning, to the end."""
+    return TimeRange(-np.inf if from_s is None else from_s, np.inf if to_s is None else to_s)
 
 
 def _between(people: dict[int, Trajectory], wanted: TimeRange) -> dict[int, Trajectory]:
@@ -170,7 +175,7 @@ class Overlay(CameraChoice):
         check_films()
         if self.width_px is not None and self.width_px < 2:
             raise ValueError(f"--width must be 2 px at least, got {self.width_px}")
-        wanted = TimeRange(-np.inf if self.from_s is None else self.from_s, np.inf if self.to_s is None else self.to_s)
+        wanted = _time_range(self.from_s, self.to_s)
         rig = self._rig()
         people, up_R_world = load_upright(self.file, self.world_up, rig)
         sources = open_sources(self.videos, rig.turned(up_R_world), fps=self.fps, cameras=self.cameras)

@@ -87,8 +87,15 @@ def load_observations(
     """
     path = Path(path)
     _check_person(path, person)
-    with naming(path):
-        seen = _read(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
+    seen = load_recording(
+        path,
+        rig,
+        skeleton,
+        fps=fps,
+        points3d_frame=points3d_frame,
+        points3d_unit=points3d_unit,
+        ignore_other_cameras=ignore_other_cameras,
+    )
     return seen if isinstance(seen, Observations) else _person_of(path, seen, rig, person)
 
 
