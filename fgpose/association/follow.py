@@ -8,7 +8,7 @@ against them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,6 +111,11 @@ class Follower:
     def passages(self) -> dict[int, Passage]:
         """Of everybody who is confirmed, or was lost and is not forgotten, by number."""
         return self._lost.passages | {track.person: track.passage for track in self.tracks if track.is_confirmed}
+
+    @property
+    def lost(self) -> Collection[int]:
+        """Numbers of those who were lost and are not forgotten."""
+        return self._lost.passages.keys()
 
     @property
     def builds(self) -> Builds:

@@ -81,18 +81,7 @@ class Segment:
     @staticmethod
     def of_recording(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, config: Config) -> Segment:
         """A whole recording, with what its first guess tells."""
-        active = active_joints(evidence.guess_m, evidence.time_s, config.motion)
-        guess_m = fill_gaps(evidence.guess_m, evidence.time_s)
-        return Segment(
-            rig=rig,
-            skeleton=skeleton,
-            config=config,
-            evidence=replace(evidence, guess_m=guess_m),
-            active=active,
-            lengths_m=median_lengths(skeleton, guess_m),
-            length_sigma_m=config.prior.length_sigma_m,
-            process_density=np.full(active.shape, initial_density(config.motion)),
-        )
+        return Recording.of(evidence, np.arange(len(evidence.time_s)), rig, skeleton, config).frames(slice(None))
 
     @property
     def n_frames(self) -> int:

@@ -196,7 +196,7 @@ class Tracker:
         newest = {track.number: self._newest(images, track, seen.get(track.number, {})) for track in tracks}
         estimates = self._estimators.update(newest)
         bones = {track.person: estimates[track.number].bone_lengths for track in tracks}
-        self._bones.learn(bones, newest, self._follower.passages)
+        self._bones.learn(bones, newest, self._follower.lost)
         return [
             Tracked(
                 track.person,

@@ -82,6 +82,8 @@ class LengthPriors:
 
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]:
         """One for each length, or one of all where they are correlated."""
+        if not len(self.estimated):
+            return
         covariance_m2 = self.covariance_m2[np.ix_(self.estimated, self.estimated)]
         if np.array_equal(covariance_m2, np.diag(np.diag(covariance_m2))):
             for length in self.estimated.tolist():
