@@ -122,8 +122,8 @@ class _Estimation:
     def __init__(self, sample: Segment, before: BoneLengths) -> None:
         # Neighbouring frames share their errors: all deviations of the problem are too small by this factor.
         self._inflation = np.sqrt(correlated_frames(usual_step_s(sample.evidence.time_s), CORRELATION_S))
-        guess = BoneLengths(sample.lengths_m, np.broadcast_to(sample.length_sigma_m, sample.lengths_m.shape))
-        lengths_m, covariance_m2 = prior(sample.skeleton, before, before.or_else(guess))
+        guess_m, sigma_m = sample.lengths_m, np.broadcast_to(sample.length_sigma_m, sample.lengths_m.shape)
+        lengths_m, covariance_m2 = prior(sample.skeleton, before, guess_m, sigma_m)
         covariance_m2 = covariance_m2 / self._inflation**2
         self._problem = NormalEquations(replace(sample, lengths_m=lengths_m, length_covariance_m2=covariance_m2))
         self._search = Search(self._problem, self._problem.initial())
@@ -146,19 +146,20 @@ class _Estimation:
 
 
 def prior(
-    skeleton: Skeleton, before: BoneLengths, guess: BoneLengths
+    skeleton: Skeleton,
+    before: BoneLengths,
+    guess_m: Float[np.ndarray, " length"],
+    guess_sigma_m: Float[np.ndarray, " length"],
 ) -> tuple[Float[np.ndarray, " length"], Float[np.ndarray, "length length"]]:
     """Mean and covariance of somebody's lengths: what the proportions of the body say, the first guess where they do
-    not, and what is known from before."""
+    not, which may be zero or NaN, and what is known from before."""
     mean_m = _STATURE_M * shares_of_stature(skeleton)
     is_told = np.isfinite(mean_m)
     of_size_m = np.where(is_told, _SIZE * mean_m, 0.0)
-    own_m = np.where(is_told, np.hypot(_PROPORTION * mean_m, _PLACES_M), guess.sigma_m)
-    mean_m, covariance_m2 = (
-        np.where(is_told, mean_m, guess.lengths_m),
-        np.outer(of_size_m, of_size_m) + np.diag(own_m**2),
-    )
+    own_m = np.where(is_told, np.hypot(_PROPORTION * mean_m, _PLACES_M), guess_sigma_m)
     known = np.isfinite(before.lengths_m)
+    mean_m = np.where(is_told, mean_m, np.where(known, before.lengths_m, guess_m))
+    covariance_m2 = np.outer(of_size_m, of_size_m) + np.diag(own_m**2)
     measured_m2 = covariance_m2[np.ix_(known, known)] + np.diag(before.sigma_m[known] ** 2)
     gain = np.linalg.solve(measured_m2, covariance_m2[known]).T
     mean_m = mean_m + gain @ (before.lengths_m - mean_m)[known]

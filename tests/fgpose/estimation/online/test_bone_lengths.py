@@ -222,12 +222,36 @@ def test_a_bone_that_is_known_tells_of_the_others(skeleton: Skeleton) -> None:
     """Who has short thighs is small."""
     thigh = skeleton.length_names.index("left_hip-left_knee")
     shank = skeleton.length_names.index("left_knee-left_ankle")
-    nothing = BoneLengths(np.full(skeleton.n_lengths, 0.3), np.full(skeleton.n_lengths, 0.3))
-    vague_m, vague_m2 = bone_lengths.prior(skeleton, BoneLengths.unknown(skeleton.n_lengths), nothing)
+    guess = np.full(skeleton.n_lengths, 0.3), np.full(skeleton.n_lengths, 0.3)
+    vague_m, vague_m2 = bone_lengths.prior(skeleton, BoneLengths.unknown(skeleton.n_lengths), *guess)
     lengths_m, sigma_m = np.full((2, skeleton.n_lengths), np.nan)
     lengths_m[thigh], sigma_m[thigh] = 0.26, 0.01
-    of_child_m, of_child_m2 = bone_lengths.prior(skeleton, BoneLengths(lengths_m, sigma_m), nothing)
+    of_child_m, of_child_m2 = bone_lengths.prior(skeleton, BoneLengths(lengths_m, sigma_m), *guess)
     assert of_child_m[thigh] == pytest.approx(0.26, abs=0.01)
     assert of_child_m[shank] == pytest.approx(vague_m[shank] * 0.26 / vague_m[thigh], rel=0.15)
     assert of_child_m2[shank, shank] < 0.5 * vague_m2[shank, shank]
     assert np.linalg.eigvalsh(of_child_m2).min() > 0
+
+
+def test_what_was_known_before_counts_once(skeleton: Skeleton) -> None:
+    """Also of the head, of which the proportions say nothing: its first guess is known to 0.3 m only."""
+    before = BoneLengths(np.full(skeleton.n_lengths, 0.2), np.full(skeleton.n_lengths, 0.01))
+    wide_m = np.full(skeleton.n_lengths, 0.3)
+    mean_m, covariance_m2 = bone_lengths.prior(skeleton, before, np.full_like(wide_m, 0.1), wide_m)
+    head = skeleton.length_names.index("neck_base-head")
+    assert mean_m[head] == pytest.approx(0.2, abs=1e-3)
+    assert np.sqrt(covariance_m2[head, head]) == pytest.approx(0.01, rel=0.01)
+
+
+def test_joints_at_one_place_have_no_length_yet(rig: CameraRig, skeleton: Skeleton) -> None:
+    """The first guess of a bone is zero where all views detect its ends at one pixel."""
+    noisy = scene(rig, skeleton, DetectionNoise(), n_frames=40)
+    points_px = noisy.observations.points2d_px.copy()
+    head, neck = skeleton.index("head"), skeleton.index("neck_base")
+    points_px[:20, :, head] = points_px[:20, :, neck]
+    observations = replace(noisy.observations, points2d_px=points_px, points3d_m=None)
+    (*_, lengths) = learned(replace(noisy, observations=observations))
+    known_m = lengths.learned.lengths_m
+    assert ((known_m > 0) | np.isnan(known_m)).all()
+    thigh = skeleton.length_names.index("left_hip-left_knee")
+    assert known_m[thigh] == pytest.approx(true_lengths_m(noisy)[thigh], abs=0.03)
