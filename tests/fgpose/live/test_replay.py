@@ -234,7 +234,8 @@ def test_after_kill_9_what_was_recorded_is_there_and_comes_again(
     port, record = free_port(), tmp_path / "session.fgpose"
     options = ["--skeleton", "h36m_17", "--keypoints-port", str(port), "--record", str(record)]
     command = [sys.executable, "-m", "fgpose", "live", str(rig_file(tmp_path)), *options]
-    sender = threading.Thread(target=send, args=(port,))
+    recording = threading.Event()
+    sender = threading.Thread(target=send, args=(port, recording, 3))
     system = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     try:
         end_s = time.monotonic() + 120.0
@@ -242,6 +243,7 @@ def test_after_kill_9_what_was_recorded_is_there_and_comes_again(
             assert time.monotonic() < end_s
             time.sleep(0.01)
             if record.exists() and not sender.ident:
+                recording.set()
                 sender.start()
     finally:
         os.kill(system.pid, signal.SIGKILL)
