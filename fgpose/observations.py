@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -204,6 +204,11 @@ class Observations(Shown):
         check_confidence(least)
         too_low = self.confidence < least
         return self if not too_low.any() else replace(self, **self.per_detection(lambda array: blanked(array, too_low)))
+
+    def of_joints(self, skeleton: Skeleton, joints: Sequence[int]) -> Observations:
+        """Some of the joints, in this order, as the joints of another skeleton (Skeleton.of_joints)."""
+        chosen = list(joints)
+        return replace(self, skeleton=skeleton, **self.per_detection(lambda array: array[:, :, chosen]))
 
     def subset(self, camera_names: tuple[str, ...] | list[str]) -> Observations:
         """Some of the cameras, in the order given. Raises ValueError for an unknown name."""

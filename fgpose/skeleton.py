@@ -18,6 +18,21 @@ LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
 """The four limb pairs of the paper's symmetry cost (eq. 4)."""
 
 
+@dataclass(frozen=True)
+class Part:
+    """A hand or a face: joints that are estimated by themselves, given where they hang on the rest of the body."""
+
+    name: str
+    joints: tuple[int, ...]
+    hangs_on: tuple[int, int]
+    """A joint of the rest, and the joint of the part that is at the same place."""
+    carried_by: tuple[int, ...] = ()
+    """Of a part that is one rigid set of points, those that place it; none where its bones move."""
+    relative_sigma: float = 1.0
+    """Standard deviation of its detections and of its bones, in that of a body's: 0.33 of hands, 0.17 of faces, by the
+    spread of annotations (COCO-WholeBody, Jin et al. 2020)."""
+
+
 @dataclass(frozen=True, init=False)
 class Skeleton:
     """The joints of a body and what is known of it before any measurement.
@@ -42,6 +57,8 @@ class Skeleton:
     """The left bone of each limb pair of eq. 4, in the order of LIMBS."""
     lines: tuple[tuple[int, int], ...] = ()
     """Pairs of joints joined when drawn although their distance varies (shoulder to hip)."""
+    parts: tuple[Part, ...] = ()
+    """Hands and face. No bone joins them to other joints."""
     _mirror: dict[int, int] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __init__(
@@ -53,9 +70,11 @@ class Skeleton:
         left_right: Sequence[tuple[int | str, int | str]] = (),
         limbs: Sequence[tuple[int | str, int | str]] = (),
         lines: Sequence[tuple[int | str, int | str]] = (),
+        parts: Sequence[Part] = (),
     ) -> None:
         given = {"bones": bones, "left_right": left_right, "limbs": limbs, "lines": lines}
-        for field_name, value in {"name": name, "joints": tuple(joints), "_mirror": {}}.items():
+        plain = {"name": name, "joints": tuple(joints), "parts": tuple(parts), "_mirror": {}}
+        for field_name, value in plain.items():
             object.__setattr__(self, field_name, value)
         self._check_names()
         object.__setattr__(self, "root", self._indices((root,) if isinstance(root, int | str) else root))
@@ -87,12 +106,37 @@ class Skeleton:
                 if joint in self._mirror:
                     raise ValueError(f"skeleton {self.name}: left_right names {self.joints[joint]} twice")
             self._mirror.update({left: right, right: left})
+        self._check_parts()
         edges = {frozenset(bone) for bone in self.bones}
         for limb in self.limbs:
             if frozenset(limb) not in edges or frozenset(self.mirrored(limb)) not in edges:
                 raise ValueError(f"skeleton {self.name}: limb {self.bone_name(limb)} or its mirror image is not a bone")
             if frozenset(limb) == frozenset(self.mirrored(limb)):
                 raise ValueError(f"skeleton {self.name}: limb {self.bone_name(limb)} is its own mirror image")
+
+    def _check_parts(self) -> None:
+        part_of = dict[int, str]()
+        for part in self.parts:
+            what = f"part {part.name}"
+            self._check_indices(what, (*part.joints, *part.hangs_on, *part.carried_by))
+            if twice := set(part.joints) & set(part_of):
+                raise ValueError(f"skeleton {self.name}: {self.joints[min(twice)]} is in two parts")
+            if not 0 < part.relative_sigma <= 1:
+                raise ValueError(f"skeleton {self.name}: relative_sigma of {what} must be in (0, 1]")
+            part_of.update(dict.fromkeys(part.joints, part.name))
+            if not {part.hangs_on[1], *part.carried_by} <= set(part.joints):
+                raise ValueError(f"skeleton {self.name}: {what} hangs on or is carried by a joint that is not in it")
+            if part.carried_by and (len(part.carried_by) < 3 or part.hangs_on[1] not in part.carried_by):
+                raise ValueError(
+                    f"skeleton {self.name}: {what} is carried by at least three joints, one of them "
+                    f"{self.joints[part.hangs_on[1]]}, on which it hangs"
+                )
+        for joint in (*self.root, *(part.hangs_on[0] for part in self.parts)):
+            if joint in part_of:
+                raise ValueError(f"skeleton {self.name}: {self.joints[joint]} is in {part_of[joint]}, not of the body")
+        for bone in self.bones:
+            if part_of.get(bone[0]) != part_of.get(bone[1]):
+                raise ValueError(f"skeleton {self.name}: bone {self.bone_name(bone)} joins a part to something else")
 
     def _indices(self, joints: Iterable[int | str]) -> tuple[int, ...]:
         return tuple(self.index(joint) if isinstance(joint, str) else joint for joint in joints)
@@ -135,6 +179,42 @@ class Skeleton:
 
     def bone_name(self, bone: tuple[int, int]) -> str:
         return f"{self.joints[bone[0]]}-{self.joints[bone[1]]}"
+
+    @cached_property
+    def body(self) -> tuple[int, ...]:
+        """The joints that are in no part."""
+        in_parts = {joint for part in self.parts for joint in part.joints}
+        return tuple(joint for joint in range(self.n_joints) if joint not in in_parts)
+
+    def of_joints(self, joints: Sequence[int], name: str = "", root: int | None = None) -> Skeleton:
+        """Of some of the joints alone, in this order, with all that is between them.
+
+        Args:
+            joints: indices.
+            name: of the new skeleton; by default that of this one.
+            root: index of its root in this skeleton; by default its own root, or the first of the joints.
+
+        Raises:
+            ValueError: the root is not among the joints.
+        """
+        new = {joint: number for number, joint in enumerate(joints)}
+
+        def between(pairs: tuple[tuple[int, int], ...]) -> list[tuple[int, int]]:
+            return [(new[a], new[b]) for a, b in pairs if a in new and b in new]
+
+        own_root = self.root if set(self.root) <= set(new) else tuple(joints[:1])
+        if root is not None and root not in new:
+            raise ValueError(f"{self.joints[root]} is not among the joints of {name or self.name}")
+        with_mirror = tuple(limb for limb in self.limbs if set(self.mirrored(limb)) <= set(new))
+        return Skeleton(
+            name=name or self.name,
+            joints=[self.joints[joint] for joint in joints],
+            bones=between(self.bones),
+            root=[new[joint] for joint in (own_root if root is None else (root,))],
+            left_right=between(self.left_right),
+            limbs=between(with_mirror),
+            lines=between(self.lines),
+        )
 
     @cached_property
     def limb_pairs(self) -> tuple[tuple[tuple[int, int], tuple[int, int]], ...]:

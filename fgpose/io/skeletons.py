@@ -12,9 +12,10 @@ from typing import Any
 from fgpose.config import parse_toml
 from fgpose.io.content import read_content
 from fgpose.plain_files import MAX_SETTINGS_BYTES, naming
-from fgpose.skeleton import LIMBS, Skeleton
+from fgpose.skeleton import LIMBS, Part, Skeleton
 
-_KEYS = {"name", "joints", "root", "bones", "lines", "left_right", "limbs"}
+_KEYS = {"name", "joints", "root", "bones", "lines", "left_right", "limbs", "parts"}
+_KEYS_OF_PART = {"joints", "hangs_on", "carried_by", "relative_sigma"}
 
 
 @cache
@@ -45,10 +46,11 @@ def as_skeleton(skeleton: Skeleton | str | Path) -> Skeleton:
 
 
 def _builtin(name: str) -> str:
-    """The one that is called so, but for case and separators, or that alone begins so."""
+    """The one that is called so, but for case and separators; or alone but for its number; or alone begins so."""
     wanted, plain = _plain(name), {_plain(own): own for own in builtin_skeletons()}
     begin_so = [own for each, own in plain.items() if wanted and each.startswith(wanted)]
-    found = [plain[wanted]] if wanted in plain else begin_so
+    but_for_number = [own for own in begin_so if _plain(own)[len(wanted) :][:1].isdigit()]
+    found = [plain[wanted]] if wanted in plain else but_for_number or begin_so
     if len(found) != 1:
         meant = found or [plain[near] for near in get_close_matches(wanted, plain, n=2)]
         hint = f"did you mean {' or '.join(meant)}? There are" if meant else "give a TOML file or one of"
@@ -96,6 +98,19 @@ def _parse(table: dict[str, Any]) -> Skeleton:
                 raise ValueError(f"{what}: a pair of joints is needed, got {reprlib.repr(row)}")
         return tuple((a, b) for a, b in (indices(what, row) for row in rows))
 
+    def part(name: str, of: Any) -> Part:
+        if not isinstance(of, dict) or not {"joints", "hangs_on"} <= set(of) <= _KEYS_OF_PART:
+            raise ValueError(f"parts.{name} needs joints and hangs_on, and may have carried_by and relative_sigma")
+        relative_sigma = of.get("relative_sigma", 1.0)
+        if type(relative_sigma) not in (int, float):
+            raise ValueError(f"parts.{name}.relative_sigma must be a number")
+        hangs_on = pairs(f"parts.{name}.hangs_on", [of["hangs_on"]])[0]
+        own = (indices(f"parts.{name}.{what}", of.get(what, [])) for what in ("joints", "carried_by"))
+        return Part(name, next(own), hangs_on, next(own), float(relative_sigma))
+
+    parts = table.get("parts", {})
+    if not isinstance(parts, dict):
+        raise ValueError("parts must be a table")
     return Skeleton(
         name=table["name"],
         joints=joints,
@@ -104,6 +119,7 @@ def _parse(table: dict[str, Any]) -> Skeleton:
         left_right=pairs("left_right", table.get("left_right", [])),
         limbs=pairs("limbs", [limbs[limb] for limb in LIMBS if limb in limbs]),
         lines=pairs("lines", table.get("lines", [])),
+        parts=[part(name, of) for name, of in parts.items()],
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,25 @@ PUBLISHED = {
         12: "right_hip",
         16: "right_ankle",
     },
+    "openpose_67": {0: "nose", 24: "right_heel", 25: "left_hand_root", 29: "left_thumb_tip", 46: "right_hand_root"},
+    "openpose_137": {45: "left_pinky_tip", 67: "right_jaw_1", 75: "chin", 97: "nose_tip", 135: "right_pupil"},
+    "coco_wholebody_133": {
+        9: "left_wrist",
+        17: "left_big_toe",
+        20: "right_big_toe",
+        23: "right_jaw_1",
+        31: "chin",
+        53: "nose_tip",
+        59: "right_eye_outer",
+        68: "left_eye_outer",
+        71: "right_mouth_corner",
+        91: "left_hand_root",
+        99: "left_index_tip",
+        112: "right_hand_root",
+        132: "right_pinky_tip",
+    },
+    "halpe_136": {17: "head", 25: "right_heel", 26: "right_jaw_1", 94: "left_hand_root", 135: "right_pinky_tip"},
+    "holistic_75": {32: "right_foot_index", 33: "left_hand_root", 54: "right_hand_root", 74: "right_pinky_tip"},
     "h36m_17": {
         0: "pelvis",
         1: "right_hip",
@@ -86,7 +106,7 @@ def test_every_published_order_is_built_in() -> None:
 
 def test_joint_order_is_the_published_one(builtin: Skeleton) -> None:
     assert {index: builtin.joints[index] for index in PUBLISHED[builtin.name]} == PUBLISHED[builtin.name]
-    assert builtin.n_joints == int(builtin.name.split("_")[1].rstrip("b"))
+    assert builtin.n_joints == int(re.findall("_([0-9]+)", builtin.name)[0])
 
 
 def test_limb_pairs_are_the_four_of_the_paper(builtin: Skeleton) -> None:
@@ -193,7 +213,7 @@ def test_a_name_that_may_mean_two_is_refused() -> None:
 
 
 def test_an_unknown_name_lists_the_built_in_skeletons() -> None:
-    with pytest.raises(ValueError, match=r"no skeleton 'coco_18'.*coco_17, h36m_17"):
+    with pytest.raises(ValueError, match=r"no skeleton 'coco_18'.*coco_17, coco_wholebody_133, h36m_17"):
         load_skeleton("coco_18")
 
 

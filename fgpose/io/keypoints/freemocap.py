@@ -9,12 +9,12 @@ import numpy as np
 from fgpose.io.arrays import read_array
 from fgpose.io.keypoints.detections import CameraDetections, Provenance, checked_detections
 from fgpose.io.keypoints.joint_names import no_such_joints
+from fgpose.io.skeletons import load_skeleton
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
-# Of MediaPipe with hands and face: 33 of the body come first.
-_MEDIAPIPE_BODY = 33
-_MEDIAPIPE_WHOLE = (75, 543, 553)
+# Of MediaPipe with hands and face: the body, the right and the left hand come first.
+_WITH_HANDS = (75, 543, 553)
 
 
 def is_freemocap(path: Path) -> bool:
@@ -38,13 +38,13 @@ def read(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:
     """
     array = _array(path)
     n_given = array.shape[2]
-    has_body = n_given in _MEDIAPIPE_WHOLE and skeleton.n_joints == _MEDIAPIPE_BODY
-    if n_given != skeleton.n_joints and not has_body:
+    chosen = _of_mediapipe(skeleton) if n_given in _WITH_HANDS else list(range(skeleton.n_joints))
+    if chosen is None or (n_given not in _WITH_HANDS and n_given != skeleton.n_joints):
         raise ValueError(
             f"{path}: it has {n_given} points in each image, {no_such_joints(skeleton, n_given)}. Those of MediaPipe "
-            "are --skeleton blazepose_33"
+            "are --skeleton blazepose_33, with hands holistic_75"
         )
-    points2d_px = array[:, :, : skeleton.n_joints, :2].astype(float)
+    points2d_px = array[:, :, chosen, :2].astype(float)
     known = np.asarray(np.isfinite(points2d_px).all(axis=-1))
     points2d_px[~known] = np.nan
     cameras: dict[str, CameraDetections] = {}
@@ -56,6 +56,16 @@ def read(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:
             of_image = points2d_px[c, frame][None][there], known[c, frame].astype(float)[None][there]
             cameras[name][frame] = checked_detections(source, skeleton, *of_image)
     return cameras
+
+
+def _of_mediapipe(skeleton: Skeleton) -> list[int] | None:
+    """Where the joints of the skeleton, a body and perhaps hands, are among those of MediaPipe; None: they are not."""
+    whole = load_skeleton("holistic_75")
+    hands = {part.name: [whole.joints[joint] for joint in part.joints] for part in whole.parts}
+    body = [whole.joints[joint] for joint in whole.body]
+    names = [*body, *hands["right_hand"], *hands["left_hand"]]
+    is_its = set(body) <= set(skeleton.joints) <= set(names)
+    return [names.index(joint) for joint in skeleton.joints] if is_its else None
 
 
 def _array(path: Path) -> np.ndarray:

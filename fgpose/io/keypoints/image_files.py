@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fgpose.io.keypoints.detections import (
     CameraDetections,
     ImageDetections,
@@ -19,6 +21,13 @@ from fgpose.io.keypoints.detections import (
 from fgpose.io.names import camera_name, not_hidden
 from fgpose.skeleton import Skeleton
 
+# Where OpenPose writes the joints of the body and of each part.
+_OPENPOSE_LISTS = {
+    "": "pose_keypoints_2d",
+    "left_hand": "hand_left_keypoints_2d",
+    "right_hand": "hand_right_keypoints_2d",
+    "face": "face_keypoints_2d",
+}
 # Frame numbers are counters; longer ones overflow the arithmetic on them, and are identifiers.
 MAX_FRAME = 10**15
 
@@ -68,8 +77,8 @@ def read(folder: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetection
     """The images of one camera by the frame number in their file names, and the name of their format.
 
     OpenPose: an object with ``people``, each with ``pose_keypoints_2d`` = x, y, confidence per joint, 0, 0, 0 =
-    missing; an empty object, as Pose2Sim writes it, is somebody who is not in this image. MMPose: a list of instances
-    with ``keypoints`` and ``keypoint_scores``.
+    missing, and hands and face, if the skeleton has them, in lists of their own; an empty object, as Pose2Sim writes
+    it, is somebody who is not in this image. MMPose: a list of instances with ``keypoints`` and ``keypoint_scores``.
 
     Raises:
         ValueError: a file is damaged, of another format than the others, or does not fit the skeleton; two have the
@@ -113,7 +122,27 @@ def _detections(document: Any, source: Provenance, skeleton: Skeleton) -> ImageD
         raise ValueError(f"{source}: people are not a list of objects")
     if any(row and "pose_keypoints_2d" not in row for row in people):
         raise ValueError(f"{source}: a person without pose_keypoints_2d")
-    return detections_from_triples(source, skeleton, [row.get("pose_keypoints_2d", []) for row in people])
+    return detections_from_triples(source, skeleton, [_openpose_triples(row, source, skeleton) for row in people])
+
+
+def _openpose_triples(person: dict[str, Any], source: Provenance, skeleton: Skeleton) -> list[Any]:
+    """Of all joints of the skeleton; its parts have lists of their own, or are with the body (Pose2Sim). Raises
+    ValueError if a list does not fit."""
+    of_body = person.get("pose_keypoints_2d", [])
+    if not of_body or not skeleton.parts or len(of_body) == 3 * skeleton.n_joints:
+        return of_body
+    triples = np.zeros((skeleton.n_joints, 3), dtype=object)
+    for name, joints in (("", skeleton.body), *((part.name, part.joints) for part in skeleton.parts)):
+        key = _OPENPOSE_LISTS[name]
+        given = person.get(key, [])
+        if given and len(given) != 3 * len(joints):
+            raise ValueError(
+                f"{source}: {key} has {len(given)} numbers, skeleton {skeleton.name} needs {3 * len(joints)}: x, y, "
+                f"confidence of {len(joints)} joints"
+            )
+        if given:
+            triples[list(joints)] = np.array(given, dtype=object).reshape(-1, 3)
+    return triples.ravel().tolist()
 
 
 def mmpose_instances(instances: list[Any], source: Provenance, skeleton: Skeleton) -> ImageDetections:

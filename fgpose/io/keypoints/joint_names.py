@@ -13,10 +13,10 @@ _FEET = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("big_t
 # MMPose's names of data sets, without separators.
 _SKELETON_OF_DATA_SET = {
     "coco": "coco_17",
-    "cocowholebody": "coco_17",
+    "cocowholebody": "coco_wholebody_133",
     "halpe26": "halpe_26",
     "body26": "halpe_26",
-    "halpe": "halpe_26",
+    "halpe": "halpe_136",
     "h36m": "h36m_17",
 }
 # What our skeletons call otherwise.

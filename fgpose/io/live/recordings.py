@@ -29,13 +29,13 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import live_format
 from fgpose.io.live.packing import unpacked
 from fgpose.io.live.record_files import RecordFile
+from fgpose.io.skeleton_tables import skeleton_of, skeleton_table
 from fgpose.people_observations import Detections
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 _VERSION = 1
 _ARRAYS = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2", "appearance")
-_PAIRS = ("bones", "left_right", "limbs", "lines")
 # Between what follows each other in a recording, and between an image and its arrival. A disk may be full for days.
 _LONGEST_S = 30 * 86400.0
 # Unix time of the year 5138.
@@ -76,7 +76,7 @@ def start_document(rig: CameraRig, skeleton: Skeleton, config: Config, started_s
         "version": _VERSION,
         "started_s": started_s,
         "rig": live_format.as_document(rig),
-        "skeleton": {name: getattr(skeleton, name) for name in ("name", "joints", "root", *_PAIRS)},
+        "skeleton": skeleton_table(skeleton),
         "config": config_to_toml(config),
     }
 
@@ -193,7 +193,11 @@ def _start(document: Any) -> RecordingStart:
     if document.get("version") != _VERSION:
         raise ValueError(f"a live recording of version {document.get('version')!r:.40}, not {_VERSION}")
     try:
-        skeleton, cameras = _skeleton(document["skeleton"]), document["rig"]["camera_names"]
+        skeleton = skeleton_of(document.get("skeleton"))
+    except ValueError as error:
+        raise ValueError(f"a damaged first record: its skeleton: {error}") from None
+    try:
+        cameras = document["rig"]["camera_names"]
         config = config_from_dict(parse_toml(document["config"]))
         started_s = _number(document, "started_s")
         if not 0 <= started_s < _LAST_S:
@@ -201,12 +205,6 @@ def _start(document: Any) -> RecordingStart:
         return RecordingStart(started_s, skeleton, tuple(map(str, cameras)), config)
     except (TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
         raise ValueError(f"a damaged first record: {type(error).__name__}: {error}") from None
-
-
-def _skeleton(table: dict[str, Any]) -> Skeleton:
-    pairs = {name: tuple((int(a), int(b)) for a, b in table[name]) for name in _PAIRS}
-    joints, root = tuple(map(str, table["joints"])), tuple(map(int, table["root"]))
-    return Skeleton(str(table["name"]), joints, root=root, **pairs)
 
 
 def _recorded_image(image: dict[str, Any]) -> RecordedImage:

@@ -15,14 +15,14 @@ from jaxtyping import Float
 
 from fgpose.config import Config, config_from_dict, config_to_toml, parse_toml
 from fgpose.io.content import parse_json
-from fgpose.skeleton import Skeleton
+from fgpose.io.skeleton_tables import joint_indices, joint_names, skeleton_of, skeleton_table
 from fgpose.trajectory import Convergence, Status, Trajectory
 
 
 def describe(trajectory: Trajectory) -> dict[str, str]:
     """Texts from which described() restores all of a trajectory but its arrays over time: JSON, the config as TOML."""
     texts = {
-        "skeleton": _skeleton_to_json(trajectory.skeleton),
+        "skeleton": json.dumps(skeleton_table(trajectory.skeleton)),
         "camera_names": json.dumps(trajectory.camera_names),
     }
     if trajectory.bone_lengths_m is not None:
@@ -47,11 +47,11 @@ def described(texts: dict[str, str]) -> dict[str, Any]:
     if missing:
         raise ValueError(f"its {' and '.join(missing)} are missing: it was not written by fgpose, or lost them since")
     readers = {
-        "skeleton": _skeleton_from_json,
-        "camera_names": lambda text: _names(parse_json(text)),
+        "skeleton": lambda text: skeleton_of(parse_json(text)),
+        "camera_names": lambda text: joint_names(parse_json(text)),
         "bone_lengths_m": _lengths_from_json,
         "convergence": _convergence_or_none,
-        "implausible_frames": lambda text: _indices(parse_json(text)),
+        "implausible_frames": lambda text: joint_indices(parse_json(text)),
         "config": _config_or_none,
     }
     values = {}
@@ -72,44 +72,11 @@ def status_named(name: str) -> Status:
         raise ValueError(f"{name!r} is none of {', '.join(status.name.lower() for status in Status)}") from None
 
 
-def _skeleton_to_json(skeleton: Skeleton) -> str:
-    return json.dumps(
-        {field.name: getattr(skeleton, field.name) for field in dataclasses.fields(Skeleton) if field.init}
-    )
-
-
 def _table(text: str) -> dict[str, Any]:
     table = parse_json(text)
     if not isinstance(table, dict):
         raise ValueError("a table is needed")
     return table
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-        raise ValueError("a list of names is needed")
-    return tuple(value)
-
-
-def _skeleton_from_json(text: str) -> Skeleton:
-    table = _table(text)
-    missing = [field.name for field in dataclasses.fields(Skeleton) if field.init and field.name not in table]
-    if missing or not isinstance(table["name"], str):
-        raise ValueError(f"{', '.join(missing) or 'its name'} is missing")
-    pairs = {name: _pairs(table[name]) for name in ("bones", "left_right", "limbs", "lines")}
-    return Skeleton(table["name"], joints=_names(table["joints"]), root=_indices(table["root"]), **pairs)
-
-
-def _pairs(value: Any) -> tuple[tuple[int, int], ...]:
-    if not isinstance(value, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in value):
-        raise ValueError("a list of pairs of joints is needed")
-    return tuple((a, b) for a, b in map(_indices, value))
-
-
-def _indices(value: Any) -> tuple[int, ...]:
-    if not isinstance(value, list) or not all(type(index) is int for index in value):
-        raise ValueError("the numbers of joints are needed")
-    return tuple(value)
 
 
 def _lengths_from_json(text: str) -> Float[np.ndarray, " length"]:

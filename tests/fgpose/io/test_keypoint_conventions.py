@@ -318,6 +318,11 @@ def test_the_array_of_freemocap(tmp_path: Path, rig: CameraRig):
             observations = load(given, rig, "blazepose_33")
         np.testing.assert_allclose(observations.points2d_px, whole[:, :, :33, :2].swapaxes(0, 1))
         assert observations.camera_names == CAMERAS
+    with pytest.warns(UserWarning, match="in the order of the calibration"):
+        with_hands = load(path, rig, "holistic_75").points2d_px.swapaxes(0, 1)
+    for part, places in (("left_hand", slice(54, 75)), ("right_hand", slice(33, 54))):
+        joints = next(each.joints for each in load_skeleton("holistic_75").parts if each.name == part)
+        np.testing.assert_allclose(with_hands[:, :, list(joints)], whole[:, :, places, :2])
     assert keypoint_cameras(path) == ("cam_0", "cam_1")
     assert "553 points in each image" in error_of(path, rig)
     assert "it has 2 cameras without names, the calibration 1" in error_of(path, rig.subset(["cam01"]), "blazepose_33")

@@ -19,6 +19,7 @@ from fgpose.io.keypoints import keypoint_cameras, load_observations, save_observ
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
+from fgpose_benchmarks.synthetic import ring_rig
 
 DATA = Path(__file__).parents[2] / "data"
 OPENPOSE = DATA / "balance_openpose" / "pose"
@@ -91,6 +92,31 @@ def test_real_openpose(balance_rig: CameraRig):
     np.testing.assert_array_equal(observations.seen[2, 2], ~missing)
     np.testing.assert_allclose(observations.points2d_px[2, 2][~missing], raw[~missing, :2])
     np.testing.assert_allclose(observations.confidence[2, 2], raw[:, 2])
+
+
+def test_hands_and_face_of_openpose(tmp_path: Path):
+    """In lists of their own, or all in one as Pose2Sim has them; a hand that was not looked for is missing."""
+    skeleton, rig = load_skeleton("openpose_137"), ring_rig().subset(["ring_0"])
+    values = np.random.default_rng(0).uniform(1, 400, (137, 3))
+    values[:, 2] /= 400
+    lists = {"pose_keypoints_2d": skeleton.body}
+    names = {"left_hand": "hand_left", "right_hand": "hand_right", "face": "face"}
+    lists |= {f"{names[part.name]}_keypoints_2d": part.joints for part in skeleton.parts}
+    person = {key: values[list(joints)].ravel().tolist() for key, joints in lists.items()}
+    of_frames = (person, {**person, "hand_left_keypoints_2d": []}, {"pose_keypoints_2d": values.ravel().tolist()})
+    for frame, each in enumerate(of_frames):
+        write_json(tmp_path / "ring_0_json" / f"ring_0_{frame:012d}_keypoints.json", {"people": [each]})
+    observations = load_observations(tmp_path, rig, skeleton, fps=30.0)
+    np.testing.assert_allclose(observations.points2d_px[[0, 2], 0], np.stack(2 * [values[:, :2]]))
+    np.testing.assert_allclose(observations.confidence[[0, 2], 0], np.stack(2 * [values[:, 2]]))
+    left = list(lists["hand_left_keypoints_2d"])
+    assert not observations.seen[1, 0, left].any()
+    assert observations.seen[1, 0].sum() == 137 - 21
+    person["face_keypoints_2d"] = person["face_keypoints_2d"][:-3]
+    write_json(tmp_path / "ring_0_json" / "ring_0_000000000003_keypoints.json", {"people": [person]})
+    message = "face_keypoints_2d has 207 numbers, skeleton openpose_137 needs 210"
+    with pytest.raises(ValueError, match=rf"ring_0_000000000003_keypoints.json.*frame 3.*{message}"):
+        load_observations(tmp_path, rig, skeleton, fps=30.0)
 
 
 def test_real_openpose_keeps_the_subject_in_whatever_order(openpose: Path, balance_rig: CameraRig):
