@@ -74,8 +74,8 @@ def _online(soak: SoakConditions, n_frames: int, result: SoakResult) -> None:
         if "repeated and old frames" in soak.troubles and number and rng.random() < _REPEATED_SHARE:
             _refused(estimator, [frame, before])
         quarter = 4 * number // n_frames
-        longest = max(longest, len(estimator._window))
-        solver, is_by_qr = estimator._window._solver, False
+        longest = max(longest, len(estimator._body._window))
+        solver, is_by_qr = estimator._body._window._solver, False
         if isinstance(solver, WindowGraph):
             n_factors = solver._smoother._isam.getFactorsUnsafe().size()
             result.slots = max(result.slots, n_factors / _most_factors(soak, longest))

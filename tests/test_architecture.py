@@ -58,7 +58,9 @@ FLOORS = (
 DOORS = {"fgpose.shown": {"fgpose.notebook", "fgpose.geometry.camera"}}
 # The same within the largest room.
 ESTIMATION_FLOORS = (
-    {"smoother", "estimates", "estimator", "refinement", "residuals"},
+    {"smoother", "estimator", "refinement", "residuals"},
+    {"parts"},
+    {"estimates"},
     {"covariances", "online"},
     {"solution", "solvers"},
     {"factors"},

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from fgpose.estimation.evidence.gathered import Gathered, gather_long
 from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.evidence.presence import present
 from fgpose.estimation.initial_guess import time_to_known_s
+from fgpose.estimation.parts.batch import Smooth, smooth_whole_body
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Recording, Segment
 from fgpose.estimation.solution import Solution, SolvedWindows, first_known
@@ -102,6 +104,9 @@ def smooth_evidence(
     unfinished: Path | None = None,
 ) -> Trajectory:
     """smooth for a recording whose evidence is gathered already."""
+    if skeleton.parts:
+        smoothers = _smoothers_of_parts(len(evidence.time_s), 1 + len(skeleton.parts), rig, progress, unfinished)
+        return smooth_whole_body(evidence, skeleton, rig, config, smoothers)
     here = np.flatnonzero(evidence.present(config.tracking.coast_s))
     here = here if len(here) else np.arange(len(evidence.time_s))
     recording = Recording.of(evidence, here, rig, skeleton, config)
@@ -122,6 +127,19 @@ def smooth_evidence(
         if progress:
             progress(window.contributed.stop, recording.n_frames)
     return _trajectory(recording, windows, solved)
+
+
+def _smoothers_of_parts(
+    n_frames: int, n_parts: int, rig: CameraRig, progress: Progress | None, unfinished: Path | None
+) -> Iterator[Smooth]:
+    """smooth_evidence for each part of a whole body in turn, with the progress of all."""
+
+    def told(before: int, done: int, _: int) -> None:
+        if progress:
+            progress((before + done) // n_parts, n_frames)
+
+    for part in range(n_parts):
+        yield partial(smooth_evidence, rig=rig, progress=partial(told, part * n_frames), unfinished=unfinished)
 
 
 def _with_learned_lengths(recording: Recording) -> Recording:

@@ -13,6 +13,29 @@ from fgpose.estimation.evidence.detection_bias import Bias
 from fgpose.estimation.evidence.presence import present
 from fgpose.geometry.camera import CameraRig
 
+# Arrays by frame and joint, and by frame, camera and joint; the others are of frames as a whole.
+_OF_JOINTS = (
+    "bias_share",
+    "credible",
+    "n_views",
+    "fused_m",
+    "guess_m",
+    "off_path_m",
+    "anchored",
+    "from_bones",
+    "held_m",
+    "held_information",
+)
+_OF_VIEWS = (
+    "undistorted_px",
+    "bias_px",
+    "weights",
+    "sigma_px",
+    "visibility",
+    "views_m",
+    "rays",
+    "depth_sigma_m",
+)
 _LEAST_SHARE = 1e-6  # keeps standard deviations finite
 FARTHEST_M = 1e8
 """What is farther away than anything on Earth: rays that are parallel but for rounding meet anywhere."""
@@ -63,6 +86,10 @@ class Evidence:
     """How much later than its frame each image was taken."""
     implausible: Bool[np.ndarray, " frame"]
     """Whether the detections of a frame make no body: joints tens of metres apart. They are left out."""
+    held_m: Float[np.ndarray, "frame joint 3"]
+    """Where a joint is by an estimate of another part of the body; NaN where there is none."""
+    held_information: Float[np.ndarray, "frame joint 3 3"]
+    """Inverse covariance of held_m, 1/m^2; zero where there is none."""
 
     @property
     def detected(self) -> Bool[np.ndarray, "frame camera joint"]:
@@ -210,6 +237,29 @@ class Evidence:
         nothing = np.full((frames, n_views, joints), np.nan)
         nowhere = nothing[..., None].repeat(3, axis=-1)
         return replace(self, views_m=nowhere, rays=nowhere, depth_sigma_m=nothing)
+
+    def held(
+        self, joint: int, at_m: Float[np.ndarray, "frame 3"], covariance_m2: Float[np.ndarray, "frame 3 3"]
+    ) -> Evidence:
+        """With an estimate of one joint from elsewhere, which is its guess where the detections give none.
+
+        Args:
+            joint: its index.
+            at_m: NaN where there is none.
+            covariance_m2: of its errors; those of different frames are taken for independent.
+        """
+        known = np.isfinite(at_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-1, -2))
+        held_m, information, guess_m = self.held_m.copy(), self.held_information.copy(), self.guess_m.copy()
+        held_m[known, joint] = at_m[known]
+        information[known, joint] = np.linalg.inv(covariance_m2[known])
+        guess_m[known, joint] = np.where(np.isnan(guess_m[known, joint]), at_m[known], guess_m[known, joint])
+        return replace(self, held_m=held_m, held_information=information, guess_m=guess_m)
+
+    def joints(self, joints: Sequence[int]) -> Evidence:
+        """Of some of the joints alone, in this order."""
+        chosen = list(joints)
+        cut = {name: getattr(self, name)[:, chosen] for name in _OF_JOINTS}
+        return replace(self, **cut, **{name: getattr(self, name)[:, :, chosen] for name in _OF_VIEWS})
 
     def frames(self, frames: slice | np.ndarray) -> Evidence:
         """Some of the frames."""

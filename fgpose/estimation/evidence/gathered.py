@@ -3,7 +3,8 @@ observations."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -33,17 +34,20 @@ class Gathered:
     guess_m: Float[np.ndarray, "frame joint 3"]
     implausible: Bool[np.ndarray, " frame"]
     """See Evidence."""
-    _seen: Bool[np.ndarray, " frame"]
-    _located: Bool[np.ndarray, " frame"]
-    """Whether any joint is."""
+    _seen: Bool[np.ndarray, "frame joint"]
+    _located: Bool[np.ndarray, "frame joint"]
     _left_out: Bool[np.ndarray, " frame"]
     _credible: Float[np.ndarray, "frame joint"]
     _observations: Observations
     _rig: CameraRig
     """By the mean clock of the cameras."""
     _config: Config
-    _newest: dict[int, Evidence] = field(default_factory=dict, init=False, repr=False)
-    """Parts by their first frame: windows that overlap ask for the same."""
+    _joints: tuple[int, ...] | None = None
+    """Of some joints of the observations alone; None: of all."""
+    _held: tuple[int, np.ndarray, np.ndarray] | None = None
+    """See Evidence.held; of all frames."""
+    _newest: dict[int, Evidence] = field(default_factory=dict, repr=False)
+    """Parts by their first frame, of all joints: windows that overlap ask for the same."""
 
     @staticmethod
     def of(observations: Observations, rig: CameraRig, config: Config) -> Gathered:
@@ -52,8 +56,8 @@ class Gathered:
         refuse_changing(rig)
         observations, rig = by_mean_clock(observations, rig)
         (n_frames, _, n_joints), time_s = observations.confidence.shape, observations.frame_time_s
-        guess_m, of_frames = np.empty((n_frames, n_joints, 3)), np.zeros((4, n_frames), dtype=bool)
-        implausible, seen, located, left_out = of_frames
+        guess_m, (implausible, left_out) = np.empty((n_frames, n_joints, 3)), np.zeros((2, n_frames), dtype=bool)
+        seen, located = np.zeros((2, n_frames, n_joints), dtype=bool)
         said = credible(observations.confidence, time_s)
         gathered = Gathered(time_s, guess_m, implausible, seen, located, left_out, said, observations, rig, config)
         n_views, parts = np.empty((n_frames, n_joints), dtype=int), parts_of(n_frames, FRAMES_AT_ONCE)
@@ -72,7 +76,7 @@ class Gathered:
         """What is needed of all frames, of those of a part."""
         evidence = self._part(part)
         self.guess_m[part], self.implausible[part] = evidence.guess_m, evidence.implausible
-        self._seen[part], self._located[part] = evidence.seen.any(axis=1), evidence.located.any(axis=1)
+        self._seen[part], self._located[part] = evidence.seen, evidence.located
         return evidence
 
     def _part(self, part: slice) -> Evidence:
@@ -88,8 +92,27 @@ class Gathered:
         parts = []
         for start in (FRAMES_AT_ONCE * np.unique(of_part)).tolist():
             own = wanted[of_part == start // FRAMES_AT_ONCE]
-            parts.append(self._kept_part(start).frames(own - start))
-        return concatenated(parts)
+            evidence = self._kept_part(start)
+            parts.append((evidence if self._joints is None else evidence.joints(self._joints)).frames(own - start))
+        found = concatenated(parts)
+        if self._held is None:
+            return found
+        joint, at_m, covariance_m2 = self._held
+        return found.held(joint, at_m[wanted], covariance_m2[wanted])
+
+    def joints(self, joints: Sequence[int]) -> Gathered:
+        """See Evidence.joints; of all joints of the observations."""
+        own = list(joints)
+        of_own = {"guess_m": self.guess_m[:, own], "_seen": self._seen[:, own], "_located": self._located[:, own]}
+        return replace(self, **of_own, _joints=tuple(own))
+
+    def held(
+        self, joint: int, at_m: Float[np.ndarray, "frame 3"], covariance_m2: Float[np.ndarray, "frame 3 3"]
+    ) -> Gathered:
+        """See Evidence.held."""
+        guess_m = self.guess_m.copy()
+        guess_m[:, joint] = np.where(np.isnan(guess_m[:, joint]), at_m, guess_m[:, joint])
+        return replace(self, guess_m=guess_m, _held=(joint, at_m, covariance_m2))
 
     def _kept_part(self, start: int) -> Evidence:
         if start not in self._newest:
@@ -104,7 +127,8 @@ class Gathered:
 
     def present(self, coast_s: float) -> Bool[np.ndarray, " frame"]:
         """See Evidence.present."""
-        return present(self._seen, self._located, self.time_s, coast_s)
+        seen, located = (np.asarray(each.any(axis=1)) for each in (self._seen, self._located))
+        return present(seen, located, self.time_s, coast_s)
 
 
 def gather_long(observations: Observations, rig: CameraRig, config: Config) -> Evidence | Gathered:

@@ -11,6 +11,7 @@ from fgpose.estimation.factors.anchor import Anchors
 from fgpose.estimation.factors.bone_length import bone_lengths
 from fgpose.estimation.factors.depth import Depths
 from fgpose.estimation.factors.fading import Fading
+from fgpose.estimation.factors.held import Held
 from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.factors.prior import LengthPriors, Priors
 from fgpose.estimation.factors.projection import Projections
@@ -42,6 +43,7 @@ class Factors(Cost, Protocol):
 KINDS: tuple[Callable[[Segment], Iterable[Factors]], ...] = (
     Projections.of,
     Anchors.of,
+    Held.of,
     Depths.of,
     Symmetries.of,
     bone_lengths,

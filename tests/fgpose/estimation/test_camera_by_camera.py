@@ -198,10 +198,10 @@ def test_a_late_image_leaves_what_is_known_of_the_others(rig: fgpose.CameraRig, 
         for camera in range(3):
             estimator.update_camera(rig.names[camera], number / 50, points_px[number, camera])
         joined = number - late
-        state = next((state for state in estimator._window if state.at.time_s == joined / 50), None)
+        state = next((state for state in estimator._body._window if state.at.time_s == joined / 50), None)
         if state is not None:
             estimator.update_camera(rig.names[3], joined / 50, points_px[joined, 3])
-            now = next(now for now in estimator._window if now.at.frame == state.at.frame)
+            now = next(now for now in estimator._body._window if now.at.frame == state.at.frame)
             changes.append(np.abs(now.evidence.visibility - state.evidence.visibility)[0, :3].max())
     assert len(changes) > 30
     assert max(changes) == 0.0

@@ -154,8 +154,8 @@ def test_the_lagged_covariance_is_the_marginal_of_the_window(
     estimates = [estimator.update(frame) for frame in observations]
     assert estimates[-1].smoothed is not None
     keys = [position_key(joint, estimates[-1].smoothed.frame) for joint in range(17)]
-    assert isinstance(estimator._window._solver, WindowGraph)
-    smoother = estimator._window._solver._smoother
+    assert isinstance(estimator._body._window._solver, WindowGraph)
+    smoother = estimator._body._window._solver._smoother
     # Rounding of an inverse whose condition number is about 1e6.
     np.testing.assert_allclose(smoother.oldest_covariances(keys), smoother.covariances(keys), rtol=1e-6, atol=1e-12)
 
@@ -221,10 +221,10 @@ def test_a_joint_that_runs_away_enters_anew(mocap_clear: Scene, rig: fgpose.Came
     estimator = fgpose.Estimator(rig, observations.skeleton)
     for frame in observations.frames(slice(0, 10)):
         estimator.update(frame)
-    newest = estimator._window[-1]
+    newest = estimator._body._window[-1]
     velocities_mps = newest.velocities_mps.copy()
     velocities_mps[7] = 1e5
-    estimator._window[-1] = replace(newest, velocities_mps=velocities_mps)
+    estimator._body._window[-1] = replace(newest, velocities_mps=velocities_mps)
     estimates = [estimator.update(frame) for frame in observations.frames(slice(10, 16))]
     assert estimates[0].status[7] == fgpose.Status.UNOBSERVABLE
     assert np.isnan(estimates[0].positions_m[7]).all()

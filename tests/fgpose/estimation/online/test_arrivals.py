@@ -119,6 +119,6 @@ def test_a_time_of_day_is_told_to_the_millisecond(rig: fgpose.CameraRig, skeleto
 def test_failures_of_gtsam_are_told_with_each_estimate(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     estimator, nothing = fgpose.Estimator(rig, skeleton), np.full((rig.n_cameras, skeleton.n_joints, 2), np.nan)
     assert estimator.update_arrays(0.0, nothing).n_repairs == 0
-    assert isinstance(estimator._window._solver, WindowGraph)
-    estimator._window._solver._smoother.repairs += 3
+    assert isinstance(estimator._body._window._solver, WindowGraph)
+    estimator._body._window._solver._smoother.repairs += 3
     assert estimator.update_arrays(0.1, nothing).n_repairs == estimator.repairs == 3

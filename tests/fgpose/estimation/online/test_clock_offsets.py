@@ -112,7 +112,7 @@ def test_offsets_are_as_uncertain_as_the_detections(
     estimator = fgpose.Estimator(rig, skeleton, Config(online={"estimate_time_offsets": True}))
     for frame in replace(seen, points3d_m=None, covariance3d_m2=None):
         estimator.update(frame)
-    change_s, sigma_s = estimator._offsets.relative()
+    change_s, sigma_s = estimator._body._offsets.relative()
     error_s = change_s[1:] - LATE_S[1:]
     assert np.abs(error_s).max() < within_s
     # The 99.9 % quantile of chi-square with three degrees of freedom.

@@ -175,6 +175,22 @@ def test_correlated_lengths_are_those_of_the_graph(walking_scene, rig):
     check_two_steps(NormalEquations(segment), GtsamBatch(segment))
 
 
+@pytest.mark.usefixtures("without_tension")
+def test_held_joints_are_those_of_the_graph(walking_scene, rig):
+    """A hand where the body says it is; one that is held in a frame in which it is not estimated is not."""
+    segment = difficult_segment(walking_scene, rig, Config())
+    rng = np.random.default_rng(3)
+    axes = rng.normal(size=(N_FRAMES, 3, 3))
+    joint = segment.skeleton.index("left_wrist")
+    at_m = segment.evidence.guess_m[:, joint] + rng.normal(scale=0.05, size=(N_FRAMES, 3))
+    at_m[2] = np.nan
+    evidence = segment.evidence.held(joint, at_m, 1e-4 * (axes @ axes.swapaxes(-1, -2)))
+    held = dataclasses.replace(segment, evidence=evidence)
+    check_two_steps(NormalEquations(held), GtsamBatch(held))
+    problem, without = NormalEquations(held), NormalEquations(segment)
+    assert problem.error(problem.initial()) > without.error(without.initial()) + 100
+
+
 def shared_lengths(segment: Segment) -> SharedLengths:
     return next(factors for factors in factors_of(segment) if isinstance(factors, SharedLengths))
 
@@ -376,6 +392,8 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         from_bones=np.zeros((1, 17), dtype=bool),
         delay_s=np.zeros((1, 2)),
         implausible=np.zeros(1, dtype=bool),
+        held_m=np.full((1, 17, 3), np.nan),
+        held_information=np.zeros((1, 17, 3, 3)),
     )
     ours = NormalEquations(
         Segment(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3, np.ones((1, 17)))

@@ -1,0 +1,113 @@
+"""A whole body in batch: the body, then each hand and the face where they hang on it.
+
+A matrix of the unknowns of a frame with 133 joints takes 480 times as long to factorise as one with 17. Hands and face
+tell next to nothing of the body, which holds them: so the body is estimated first, without them, and then each of them
+where it hangs, with the body's joint there as a prior (Held). Each has its own noise of detections, bone lengths and
+motion, learned as those of the body are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from fgpose.config import Config
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gathered import Gathered
+from fgpose.estimation.parts.place import alone, apart_m, config_of, place_covariance_m2
+from fgpose.estimation.parts.rigid import RigidSet, of_whole
+from fgpose.estimation.parts.whole import of_all_joints, of_all_lengths
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.reprojection import reprojection_residual_px
+from fgpose.sampling import usual_step_s
+from fgpose.skeleton import Part, Skeleton
+from fgpose.trajectory import BoneLengths, Convergence, Trajectory, joint_status
+
+
+class Smooth(Protocol):
+    """Smooths joints that are no whole body; see fgpose.estimation.smoother.smooth_evidence."""
+
+    def __call__(self, evidence: Evidence | Gathered, skeleton: Skeleton, *, config: Config) -> Trajectory: ...
+
+
+def smooth_whole_body(
+    evidence: Evidence | Gathered, skeleton: Skeleton, rig: CameraRig, config: Config, smoothers: Iterator[Smooth]
+) -> Trajectory:
+    """The trajectory of a skeleton with parts; see fgpose.smooth.
+
+    Args:
+        smoothers: of the body, and of each part.
+    """
+    body = next(smoothers)(evidence.joints(skeleton.body), skeleton.of_joints(skeleton.body), config=config)
+    found: list[tuple[Sequence[int], Trajectory]] = [(skeleton.body, body)]
+    for part in skeleton.parts:
+        found.append((part.joints, _of_part(evidence, part, skeleton, body, rig, config, next(smoothers))))
+    return _joined(skeleton, found, config)
+
+
+def _of_part(
+    evidence: Evidence | Gathered,
+    part: Part,
+    skeleton: Skeleton,
+    body: Trajectory,
+    rig: CameraRig,
+    config: Config,
+    smooth: Smooth,
+) -> Trajectory:
+    own, of_part = alone(part, skeleton), evidence.joints(part.carried_by or part.joints)
+    held_by, joint = skeleton.body.index(part.hangs_on[0]), own.root[0]
+    body_m = body.positions_m[:, held_by]
+    body_m2 = np.zeros((len(body_m), 3, 3)) if body.covariance_m2 is None else body.covariance_m2[:, held_by]
+    apart = apart_m(of_part.guess_m[:, joint] - body_m)
+    of_part = of_part.held(joint, body_m, place_covariance_m2(body_m2, apart, usual_step_s(evidence.time_s)))
+    smoothed = smooth(of_part, own, config=config_of(part, config))
+    return _carried(evidence, part, skeleton, smoothed, rig) if part.carried_by else smoothed
+
+
+def _carried(
+    evidence: Evidence | Gathered, part: Part, skeleton: Skeleton, carriers: Trajectory, rig: CameraRig
+) -> Trajectory:
+    """All points of a rigid set."""
+    joints, whole = list(part.joints), evidence.frames(slice(None)).joints(part.joints)
+    rigid = RigidSet.of(carriers.positions_m, whole.guess_m, [joints.index(joint) for joint in part.carried_by])
+    shape = carriers.positions_m.shape[0], len(joints), 3
+    positions_m, covariance_m2 = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
+    if rigid is not None:
+        unknown_m2 = np.zeros((*carriers.positions_m.shape, 3))
+        stated_m2 = carriers.covariance_m2 if carriers.covariance_m2 is not None else unknown_m2
+        positions_m, covariance_m2 = rigid.placed(carriers.positions_m, stated_m2)
+    assert carriers.visibility is not None
+    return Trajectory(
+        skeleton=skeleton.of_joints(part.joints, carriers.skeleton.name, part.hangs_on[1]),
+        time_s=carriers.time_s,
+        positions_m=positions_m,
+        status=joint_status(np.asarray(np.isfinite(positions_m).all(axis=-1)), whole.observed),
+        covariance_m2=None if carriers.covariance_m2 is None else covariance_m2,
+        residual_px=reprojection_residual_px(whole.undistorted_px, rig, positions_m),
+        camera_names=carriers.camera_names,
+        convergence=carriers.convergence,
+        visibility=np.where(whole.detected, of_whole(carriers.visibility), np.nan),
+    )
+
+
+def _joined(skeleton: Skeleton, found: list[tuple[Sequence[int], Trajectory]], config: Config) -> Trajectory:
+    """One trajectory of all: the body, which comes first, and the parts."""
+    by_frame = ("positions_m", "status", "covariance_m2")
+    arrays = {name: of_all_joints(found, name, skeleton.n_joints, 1) for name in by_frame}
+    arrays |= {name: of_all_joints(found, name, skeleton.n_joints, 2) for name in ("residual_px", "visibility")}
+    lengths = [
+        (each.skeleton, BoneLengths(each.bone_lengths_m, np.ones(len(each.bone_lengths_m))))
+        for _, each in found
+        if each.bone_lengths_m is not None
+    ]
+    return replace(
+        found[0][1],
+        skeleton=skeleton,
+        bone_lengths_m=of_all_lengths(skeleton, lengths).lengths_m,
+        convergence=Convergence.worst([each.convergence for _, each in found if each.convergence is not None]),
+        config=config,
+        **arrays,
+    )
