@@ -24,6 +24,7 @@ from fgpose.config import config_from_dict
 from fgpose.extensions import Group
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
+from fgpose.io.skeletons import load_skeleton
 from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.robot.cell import load_cell
 from fgpose.study import load_study
@@ -101,12 +102,15 @@ def run_python(example: Example) -> None:
 
 
 def check_toml(example: Example) -> None:
-    """It is what its tables say: a configuration, a study, the cameras of a live system, the cell of a robot, or entry
-    points of a package."""
+    """It is what its tables say: a configuration, a study, the cameras of a live system, the cell of a robot, a
+    skeleton, or entry points of a package."""
     table = tomllib.loads(example.parsed)
     if "links" in table or "zones" in table:
         Path("cell.toml").write_text(example.parsed)
         load_cell("cell.toml")
+    elif "joints" in table:
+        Path("skeleton.toml").write_text(example.parsed)
+        load_skeleton("skeleton.toml")
     elif "data" in table:
         Path("study.toml").write_text(example.parsed)
         load_study("study.toml")
