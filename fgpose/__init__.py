@@ -50,7 +50,7 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.kinematics import joint_angles
 from fgpose.observations import Observations
 from fgpose.people import Tracker, smooth_people
-from fgpose.skeleton import Skeleton
+from fgpose.skeleton import BodyPart, Skeleton
 from fgpose.trajectory import BoneLengths, Convergence, Estimate, Status, Trajectory
 
 if not _typing.TYPE_CHECKING:  # for which a name that has moved is one that is not there
@@ -59,6 +59,7 @@ if not _typing.TYPE_CHECKING:  # for which a name that has moved is one that is 
 __version__ = _version("fgpose")
 
 __all__ = [
+    "BodyPart",
     "BoneLengths",
     "Camera",
     "CameraRig",

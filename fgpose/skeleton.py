@@ -19,7 +19,7 @@ LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
 
 
 @dataclass(frozen=True)
-class Part:
+class BodyPart:
     """A hand or a face: joints that are estimated by themselves, given where they hang on the rest of the body."""
 
     name: str
@@ -57,7 +57,7 @@ class Skeleton:
     """The left bone of each limb pair of eq. 4, in the order of LIMBS."""
     lines: tuple[tuple[int, int], ...] = ()
     """Pairs of joints joined when drawn although their distance varies (shoulder to hip)."""
-    parts: tuple[Part, ...] = ()
+    parts: tuple[BodyPart, ...] = ()
     """Hands and face. No bone joins them to other joints."""
     _mirror: dict[int, int] = field(init=False, repr=False, compare=False, default_factory=dict)
 
@@ -70,7 +70,7 @@ class Skeleton:
         left_right: Sequence[tuple[int | str, int | str]] = (),
         limbs: Sequence[tuple[int | str, int | str]] = (),
         lines: Sequence[tuple[int | str, int | str]] = (),
-        parts: Sequence[Part] = (),
+        parts: Sequence[BodyPart] = (),
     ) -> None:
         given = {"bones": bones, "left_right": left_right, "limbs": limbs, "lines": lines}
         plain = {"name": name, "joints": tuple(joints), "parts": tuple(parts), "_mirror": {}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from fgpose.skeleton import Part, Skeleton
+from fgpose.skeleton import BodyPart, Skeleton
 
 _PAIRS = ("bones", "left_right", "limbs", "lines")
 
@@ -52,10 +52,10 @@ def _pairs(value: Any) -> tuple[tuple[int, int], ...]:
     return tuple((a, b) for a, b in map(joint_indices, value))
 
 
-def _parts(value: Any) -> tuple[Part, ...]:
+def _parts(value: Any) -> tuple[BodyPart, ...]:
     try:
         return tuple(
-            Part(
+            BodyPart(
                 str(row["name"]),
                 joint_indices(row["joints"]),
                 _pairs([row["hangs_on"]])[0],

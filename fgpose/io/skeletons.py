@@ -12,7 +12,7 @@ from typing import Any
 from fgpose.config import parse_toml
 from fgpose.io.content import read_content
 from fgpose.plain_files import MAX_SETTINGS_BYTES, naming
-from fgpose.skeleton import LIMBS, Part, Skeleton
+from fgpose.skeleton import LIMBS, BodyPart, Skeleton
 
 _KEYS = {"name", "joints", "root", "bones", "lines", "left_right", "limbs", "parts"}
 _KEYS_OF_PART = {"joints", "hangs_on", "carried_by", "relative_sigma"}
@@ -98,7 +98,7 @@ def _parse(table: dict[str, Any]) -> Skeleton:
                 raise ValueError(f"{what}: a pair of joints is needed, got {reprlib.repr(row)}")
         return tuple((a, b) for a, b in (indices(what, row) for row in rows))
 
-    def part(name: str, of: Any) -> Part:
+    def part(name: str, of: Any) -> BodyPart:
         if not isinstance(of, dict) or not {"joints", "hangs_on"} <= set(of) <= _KEYS_OF_PART:
             raise ValueError(f"parts.{name} needs joints and hangs_on, and may have carried_by and relative_sigma")
         relative_sigma = of.get("relative_sigma", 1.0)
@@ -106,7 +106,7 @@ def _parse(table: dict[str, Any]) -> Skeleton:
             raise ValueError(f"parts.{name}.relative_sigma must be a number")
         hangs_on = pairs(f"parts.{name}.hangs_on", [of["hangs_on"]])[0]
         own = (indices(f"parts.{name}.{what}", of.get(what, [])) for what in ("joints", "carried_by"))
-        return Part(name, next(own), hangs_on, next(own), float(relative_sigma))
+        return BodyPart(name, next(own), hangs_on, next(own), float(relative_sigma))
 
     parts = table.get("parts", {})
     if not isinstance(parts, dict):

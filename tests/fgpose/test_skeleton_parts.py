@@ -12,13 +12,13 @@ import pytest
 from fgpose.io.skeleton_tables import skeleton_of, skeleton_table
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_trajectory
-from fgpose.skeleton import Part, Skeleton
+from fgpose.skeleton import BodyPart, Skeleton
 from fgpose.trajectory import Trajectory
 
 WITH_PARTS = ("openpose_67", "openpose_137", "coco_wholebody_133", "halpe_136", "holistic_75")
 NAMES = ("pelvis", "left_wrist", "left_hand_root", "left_thumb_tip", "left_pinky_tip")
 BONES = [(0, 1), (2, 3), (2, 4)]
-HAND = Part("left_hand", (2, 3, 4), (1, 2), relative_sigma=0.33)
+HAND = BodyPart("left_hand", (2, 3, 4), (1, 2), relative_sigma=0.33)
 
 
 def with_part(**changes: object) -> Skeleton:

@@ -23,7 +23,7 @@ from fgpose.estimation.parts.whole import of_all_joints, of_all_lengths
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.sampling import usual_step_s
-from fgpose.skeleton import Part, Skeleton
+from fgpose.skeleton import BodyPart, Skeleton
 from fgpose.trajectory import BoneLengths, Convergence, Trajectory, joint_status
 
 
@@ -50,7 +50,7 @@ def smooth_whole_body(
 
 def _of_part(
     evidence: Evidence | Gathered,
-    part: Part,
+    part: BodyPart,
     skeleton: Skeleton,
     body: Trajectory,
     rig: CameraRig,
@@ -68,7 +68,7 @@ def _of_part(
 
 
 def _carried(
-    evidence: Evidence | Gathered, part: Part, skeleton: Skeleton, carriers: Trajectory, rig: CameraRig
+    evidence: Evidence | Gathered, part: BodyPart, skeleton: Skeleton, carriers: Trajectory, rig: CameraRig
 ) -> Trajectory:
     """All points of a rigid set."""
     joints, whole = list(part.joints), evidence.frames(slice(None)).joints(part.joints)

@@ -21,7 +21,7 @@ from fgpose.estimation.parts.whole import of_all_joints, of_all_lengths
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
-from fgpose.skeleton import Part, Skeleton
+from fgpose.skeleton import BodyPart, Skeleton
 from fgpose.trajectory import Estimate, joint_status
 
 _SHAPE_FRAMES = 60  # the last ones that tell the shape of a rigid set
@@ -38,7 +38,9 @@ class HungPart:
         offsets: of the cameras, shared with the body.
     """
 
-    def __init__(self, part: Part, skeleton: Skeleton, rig: CameraRig, config: Config, offsets: RunningOffsets) -> None:
+    def __init__(
+        self, part: BodyPart, skeleton: Skeleton, rig: CameraRig, config: Config, offsets: RunningOffsets
+    ) -> None:
         own = alone(part, skeleton)
         self.part, self._config, self._rig = part, config, rig
         self._skeleton = skeleton.of_joints(part.joints, own.name, part.hangs_on[1])

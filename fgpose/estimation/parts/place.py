@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.skeleton import Part, Skeleton
+from fgpose.skeleton import BodyPart, Skeleton
 from fgpose_factors.robust_statistics import robust_sigma
 
 # How far apart two joints are that stand for one place (a wrist and the root of a hand), until a recording tells it.
@@ -44,7 +44,7 @@ def place_covariance_m2(
     return max(1.0, _CORRELATED_S / step_s) * (covariance_m2 + apart**2 * np.eye(3))
 
 
-def alone(part: Part, skeleton: Skeleton) -> Skeleton:
+def alone(part: BodyPart, skeleton: Skeleton) -> Skeleton:
     """The skeleton of a part, whose root is where it hangs: its own bones; of a rigid set of points, those that carry
     it, all joined."""
     own = skeleton.of_joints(part.carried_by or part.joints, f"{skeleton.name}: {part.name}", part.hangs_on[1])
@@ -53,7 +53,7 @@ def alone(part: Part, skeleton: Skeleton) -> Skeleton:
     return Skeleton(own.name, own.joints, list(combinations(range(own.n_joints), 2)), own.root, own.left_right)
 
 
-def config_of(part: Part, config: Config) -> Config:
+def config_of(part: BodyPart, config: Config) -> Config:
     """With the standard deviations of a part in place of those of a body."""
     sigmas = {
         "projection": ("sigma_px",),
