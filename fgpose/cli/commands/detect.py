@@ -157,7 +157,7 @@ class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Detect(VideoOptions):
-    """Detect the joints of people in videos, without estimating anything from them.
+    """Detect the joints of people in videos, and nothing else.
 
     Writes NAME.parquet: for each image, person and joint the pixels, the confidence, the absolute 3D joint that the
     view alone gives, and its covariance. fgpose smooth, track, refine and info read it. If a video has another size

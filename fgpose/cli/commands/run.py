@@ -50,11 +50,11 @@ class CameraOptions(FromPeopleOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Run(ParameterOptions, VideoOptions, CameraOptions):
-    """From the videos of several cameras to the smoothed 3D motion of people: detect, fuse, smooth, save.
+    """From videos of several cameras to the smoothed 3D motion.
 
-    Writes NAME.parquet, NAME.trc and NAME.rrd, which shows the images, into the output folder. Detections are cached: a
-    run with other parameters, or after Ctrl-C, does not repeat them. The first run fetches the weights
-    (fgpose models pull).
+    Detects, fuses, smooths and saves: writes NAME.parquet, NAME.trc and NAME.rrd, which shows the images, into the
+    output folder. Detections are cached: a run with other parameters, or after Ctrl-C, does not repeat them. The first
+    run fetches the weights (fgpose models pull).
 
     Example: fgpose run videos/ --rig Calib.qca.txt -o out; or, without a calibration, fgpose run videos/ --calibrate
     --height 1.78 -o out

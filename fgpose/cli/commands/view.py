@@ -29,7 +29,7 @@ _GRID_WIDTH_PX = 1920
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Open the Rerun viewer on a .rrd file or on a result (parquet, npz, TRC, C3D).
+    """Open the Rerun viewer on a .rrd file or on a result.
 
     Example: fgpose view out/demo.rrd; or, of a long recording, fgpose view out/pose.parquet --from 600 --to 660
     """
@@ -127,11 +127,12 @@ def _between(people: dict[int, Trajectory], wanted: TimeRange) -> dict[int, Traj
 
 @dataclass(frozen=True, kw_only=True)
 class Overlay(CameraChoice):
-    """Draw a result into the videos that it was made from: skeletons, and an ellipse in which each joint is with 95 %.
+    """Draw a result into the videos that it was made from.
 
-    Each person has a colour and, if there are several, a number. Joints that are predicted, because fewer than two
-    cameras see them, are hollow, and their bones dashed. All cameras are in one film, side by side at the rate of the
-    fastest; with --each every camera has its own, at the times of its images.
+    Skeletons, and an ellipse in which each joint is with 95 %. Each person has a colour and, if there are several, a
+    number. Joints that are predicted, because fewer than two cameras see them, are hollow, and their bones dashed. All
+    cameras are in one film, side by side at the rate of the fastest; with --each every camera has its own, at the times
+    of its images.
 
     Example: fgpose overlay out/pose.parquet videos/ -o overlay.mp4
     """

@@ -69,8 +69,18 @@ def test_help_is_short_and_all_help_has_the_parameters(
     assert "--rig" in whole
 
 
-def test_without_arguments_the_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("arguments", [[], ["-h"], ["--help"], ["--help-all"]])
+def test_the_commands_are_listed_by_what_they_are_for_a_line_each(
+    arguments: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "78")  # of the documentation, narrower than a terminal
     with pytest.raises(SystemExit) as end:
-        main([])
+        main(arguments)
     assert end.value.code == 0
-    assert "smooth" in capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 78
+    assert not any("…" in line for line in lines)
+    groups = [line for line in lines if line.startswith("╭")]
+    assert groups[0].startswith("╭─ start here ─")
+    at = {name: next(n for n, line in enumerate(lines) if line.startswith(f"│ {name} ")) for name in ("demo", "smooth")}
+    assert lines.index(groups[0]) < at["demo"] < lines.index(groups[1]) < at["smooth"]
