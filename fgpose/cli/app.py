@@ -196,8 +196,11 @@ def _parsed(parse: Callable[..., Command], arguments: list[str], known: Collecti
 
 
 def _options(parse: Callable[..., Command], arguments: list[str], known: Collection[str]) -> set[str]:
-    """Of the command that the arguments name."""
-    return set(re.findall(r"--[\w.-]+", _printed(parse, [arguments[0], "--help"]))) if arguments[0] in known else set()
+    """Of the command that the arguments name, or of its part (models pull)."""
+    if arguments[0] not in known:
+        return set()
+    words = itertools.takewhile(lambda argument: not argument.startswith("-"), arguments[:2])
+    return set(re.findall(r"--[\w.-]+", _printed(parse, [*words, "--help"])))
 
 
 def _printed(parse: Callable[..., Command], arguments: list[str]) -> str:

@@ -86,7 +86,7 @@ class WantedOptions:
 class KeypointOptions(CameraChoice, RigOption):
     """Where the keypoints and the calibration of a recording are, and their skeleton, rate and units."""
 
-    keypoints: Annotated[Positional[Path], arg(help=_KEYPOINTS)]
+    keypoints: Annotated[Positional[Path], arg(metavar="KEYPOINTS", help=_KEYPOINTS)]
     skeleton: Annotated[str, arg(metavar="NAME|FILE", help=_SKELETON)]
     fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
     """Frames per second. Needed unless the keypoints file contains times."""

@@ -37,7 +37,7 @@ class Angles:
     Example: fgpose angles out/walk.parquet -o walk.mot -o walk.bvh
     """
 
-    file: Positional[Path]
+    file: Annotated[Positional[Path], arg(metavar="RESULT")]
     """A result, or any trajectory file: parquet, npz, TRC, C3D."""
     output: Annotated[UseAppendAction[tuple[Path, ...]], arg(metavar="FILE", aliases=("-o",))] = ()
     """File to be written: .parquet, .csv, .mot, .bvh or .c3d. May be given several times."""

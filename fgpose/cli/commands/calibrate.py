@@ -53,7 +53,7 @@ _FORMAT = (
 class RecordingToCalibrate(FromPeopleOptions):
     """What the cameras recorded, and where the calibration goes."""
 
-    recording: Annotated[Positional[Path], arg(help=_RECORDING)]
+    recording: Annotated[Positional[Path], arg(metavar="RECORDING", help=_RECORDING)]
     from_rig: Annotated[
         Path | None, arg(name="from", metavar="FILE", help=_FROM, help_behavior_hint="(default: none)")
     ] = None

@@ -105,7 +105,7 @@ class NetworkOptions:
 class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
     """Where videos are, and what is to be found in them."""
 
-    videos: Annotated[Positional[Path], arg(help=_VIDEOS)]
+    videos: Annotated[Positional[Path], arg(metavar="VIDEOS", help=_VIDEOS)]
     fps: Annotated[float | None, arg(metavar="HZ", help=_FPS, help_behavior_hint="(default: of the videos)")] = None
 
     def sources(self) -> Sources:

@@ -30,9 +30,9 @@ class Evaluate:
     Example: fgpose evaluate out/pose.parquet mocap.trc --offset-s 0.25
     """
 
-    estimate: Positional[Path]
+    estimate: Annotated[Positional[Path], arg(metavar="ESTIMATE")]
     """File of the result."""
-    reference: Positional[Path]
+    reference: Annotated[Positional[Path], arg(metavar="REFERENCE")]
     """File of the reference."""
     offset_s: Annotated[float, arg(metavar="SECONDS")] = 0.0
     """Added to the reference's times, for a reference with a clock of its own, seconds."""

@@ -39,7 +39,7 @@ class Study:
     Example: fgpose study study.toml --init, then edit study.toml, then fgpose study study.toml --dry-run
     """
 
-    file: Positional[Path]
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
     """The study file (TOML). --init writes one with comments."""
     init: Annotated[bool, FlagCreatePairsOff] = False
     """Write a template of the study file, and do nothing else."""

@@ -34,7 +34,7 @@ class View:
     Example: fgpose view out/demo.rrd; or, of a long recording, fgpose view out/pose.parquet --from 600 --to 660
     """
 
-    file: Positional[Path]
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
     """A .rrd file, or a trajectory file in any of the formats that fgpose writes."""
     from_s: Annotated[float | None, arg(name="from", metavar="S", help_behavior_hint="(default: beginning)")] = None
     """Show only what is later: a time of the recording, seconds; of live recordings since their beginning.
@@ -137,9 +137,9 @@ class Overlay(CameraChoice):
     Example: fgpose overlay out/pose.parquet videos/ -o overlay.mp4
     """
 
-    file: Positional[Path]
+    file: Annotated[Positional[Path], arg(metavar="RESULT")]
     """The result: a trajectory file in any of the formats that fgpose writes."""
-    videos: Positional[Path]
+    videos: Annotated[Positional[Path], arg(metavar="VIDEOS")]
     """Folder with one video per camera (cam01.mp4), or one folder per camera with its images."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")] = Path("overlay.mp4")
     """The film, MP4 (H.264). With --each, NAME_CAMERA.mp4 of each camera."""
