@@ -25,8 +25,8 @@ _KEYPOINTS = (
     "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); or one file of fgpose (npz, parquet), or of FreeMoCap (npy)."
 )
 _SKELETON = (
-    "What the joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, smpl_24, or your "
-    "own TOML file."
+    "What the joints are, where the keypoints do not say it: a name that fgpose skeletons lists (body_25, coco_17, "
+    "halpe_26), or your own TOML file."
 )
 _PEOPLE = (
     "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
@@ -87,7 +87,9 @@ class KeypointOptions(CameraChoice, RigOption):
     """Where the keypoints and the calibration of a recording are, and their skeleton, rate and units."""
 
     keypoints: Annotated[Positional[Path], arg(metavar="KEYPOINTS", help=_KEYPOINTS)]
-    skeleton: Annotated[str, arg(metavar="NAME|FILE", help=_SKELETON)]
+    skeleton: Annotated[
+        str | None, arg(metavar="NAME|FILE", help=_SKELETON, help_behavior_hint="(default: as the keypoints say)")
+    ] = None
     fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
     """Frames per second. Needed unless the keypoints file contains times."""
 

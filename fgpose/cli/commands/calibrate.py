@@ -209,7 +209,7 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
 
         people = load_uncalibrated(
             self.recording,
-            self._needed_skeleton(),
+            self.skeleton,
             fps=self.fps,
             points3d_unit=self.points3d_unit,
             cameras=self.cameras,
@@ -238,11 +238,6 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
             return load_rig(self.intrinsics)
         except ValueError:
             return None
-
-    def _needed_skeleton(self) -> str:
-        if self.skeleton is None:
-            raise ValueError("detected joints need --skeleton, which says what they are (body_25, coco_17, ...)")
-        return self.skeleton
 
     def _bumped(self) -> int:
         from fgpose.calibration.bumped import refine_bumped
@@ -298,7 +293,7 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
         source = load_source(
             self.recording,
             rig,
-            self._needed_skeleton(),
+            self.skeleton,
             cameras=self.cameras,
             fps=self.fps,
             points3d_unit=self.points3d_unit,

@@ -97,7 +97,7 @@ class Demo:
         run_live_demo(recording, what, session, rrd, 2 if self.people else 1, self.duration_s)
         fgpose = _program("fgpose")
         # With a name of its own: the .rrd of the demonstration stays.
-        smooth = f"{session} --rig {session} --skeleton blazepose_33 -o {self.output} --name demo_live_smooth"
+        smooth = f"{session} --rig {session} -o {self.output} --name demo_live_smooth"
         _print_lines(
             new_console(),
             [

@@ -165,7 +165,7 @@ class Detect(VideoOptions):
     Without a calibration there are pixels and confidences of everybody only, from which fgpose calibrate finds one.
 
     Example: fgpose detect videos/ --rig Calib.qca.txt, then fgpose smooth detections/videos.parquet --rig
-    Calib.qca.txt --skeleton blazepose_33
+    Calib.qca.txt
     """
 
     rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none, and no 3D)")] = None

@@ -22,7 +22,7 @@ from fgpose.trajectory import Convergence, Status, Trajectory
 def describe(trajectory: Trajectory) -> dict[str, str]:
     """Texts from which described() restores all of a trajectory but its arrays over time: JSON, the config as TOML."""
     texts = {
-        "skeleton": _skeleton_to_json(trajectory.skeleton),
+        "skeleton": skeleton_to_json(trajectory.skeleton),
         "camera_names": json.dumps(trajectory.camera_names),
     }
     if trajectory.bone_lengths_m is not None:
@@ -47,7 +47,7 @@ def described(texts: dict[str, str]) -> dict[str, Any]:
     if missing:
         raise ValueError(f"its {' and '.join(missing)} are missing: it was not written by fgpose, or lost them since")
     readers = {
-        "skeleton": _skeleton_from_json,
+        "skeleton": skeleton_from_json,
         "camera_names": lambda text: _names(parse_json(text)),
         "bone_lengths_m": _lengths_from_json,
         "convergence": _convergence_or_none,
@@ -72,7 +72,8 @@ def status_named(name: str) -> Status:
         raise ValueError(f"{name!r} is none of {', '.join(status.name.lower() for status in Status)}") from None
 
 
-def _skeleton_to_json(skeleton: Skeleton) -> str:
+def skeleton_to_json(skeleton: Skeleton) -> str:
+    """All of a skeleton, as skeleton_from_json reads it."""
     return json.dumps(
         {field.name: getattr(skeleton, field.name) for field in dataclasses.fields(Skeleton) if field.init}
     )
@@ -91,7 +92,8 @@ def _names(value: Any) -> tuple[str, ...]:
     return tuple(value)
 
 
-def _skeleton_from_json(text: str) -> Skeleton:
+def skeleton_from_json(text: str) -> Skeleton:
+    """Raises ValueError if the text is not what skeleton_to_json writes, or no skeleton."""
     table = _table(text)
     missing = [field.name for field in dataclasses.fields(Skeleton) if field.init and field.name not in table]
     if missing or not isinstance(table["name"], str):

@@ -27,7 +27,7 @@ NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
         ),
         (
             ["smooth", "x"],
-            "fgpose smooth needs --rig FILE and --skeleton NAME|FILE; fgpose smooth --help lists what there is",
+            "fgpose smooth needs --rig FILE; fgpose smooth --help lists what there is",
         ),
         (
             ["smooth", "--Rig", "x"],
