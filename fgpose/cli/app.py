@@ -264,7 +264,8 @@ def _one_line(error: BaseException) -> str:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Warnings as lines like those of errors, without the place in the code."""
+    """Warnings as lines like those of errors, each once, without the place in the code."""
+    said: set[str] = set()
 
     def show(
         message: Warning | str,
@@ -274,7 +275,10 @@ def _plain_warnings() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        say(f"fgpose: warning: {printable(shortened(' '.join(str(message).split()), _MAX_MESSAGE))}\n")
+        text = printable(shortened(" ".join(str(message).split()), _MAX_MESSAGE))
+        if text not in said:
+            said.add(text)
+            say(f"fgpose: warning: {text}\n")
 
     with warnings.catch_warnings():
         warnings.showwarning = show

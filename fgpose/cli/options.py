@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from fgpose.pipeline import AnySource, Outputs, Source
 
 Format = Literal["parquet", "npz", "csv", "trc", "c3d", "rrd"]
+DEFAULT_FORMATS: tuple[Format, ...] = ("parquet", "trc", "rrd")
+"""What is written; the last only where Rerun is installed."""
 
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _KEYPOINTS = (
@@ -136,7 +138,7 @@ class OutputOptions:
     replaced."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the input)")] = None
     """Name of the result files, without extension."""
-    formats: tuple[Format, ...] = ("parquet", "trc", "rrd")
+    formats: tuple[Format, ...] = DEFAULT_FORMATS
     """What to write: parquet and npz keep everything, csv has the table of parquet for spreadsheets, trc (OpenSim) and
     c3d keep positions, rrd is for the viewer."""
     rrd_fps: Annotated[
@@ -154,7 +156,7 @@ class OutputOptions:
         from fgpose.pipeline import Outputs
 
         # dict: each format once.
-        formats = tuple(dict.fromkeys(self.formats))
+        formats = possible_formats(tuple(dict.fromkeys(self.formats)))
         port = self.port if self.live else None
         name = self.name or f"{Path(os.path.realpath(source)).stem}{self.name_ends}"
         of_step = {"step": self.step, "source": source, "shown_as": self.rrd_ends, "rrd_fps": self.rrd_fps}
@@ -177,6 +179,19 @@ class ParameterOptions(OutputOptions):
     estimate_time_offsets: bool = False
     """First estimate the time offset of each camera from the motion, of all people together. The offsets are written
     with the calibration, as NAME_calibration.toml. With --refine-calibration both are estimated together."""
+
+
+def possible_formats(formats: tuple[Format, ...]) -> tuple[Format, ...]:
+    """What can be written of the formats that nobody chose; those that somebody did choose stay.
+
+    Warns:
+        UserWarning: there will be no file for the viewer.
+    """
+    from fgpose.cli.viewers import can_write_rrd
+
+    if formats != DEFAULT_FORMATS or can_write_rrd():
+        return formats
+    return tuple(each for each in formats if each != "rrd")
 
 
 def checked_frames(frames: int | None) -> int | None:

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from fgpose.cli.console import new_console
 from fgpose.pipeline import AnySource, OutputError, Outputs
-from fgpose.viewer import Recording
+from fgpose.viewer import Recording, has_rerun
 from fgpose.viewer.opening import leave_out_analytics
 
 if TYPE_CHECKING:
@@ -160,6 +161,14 @@ def _start(command: list[str]) -> None:
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
+
+
+def can_write_rrd() -> bool:
+    """Whether Rerun is installed. Warns, with UserWarning, if it is not: there will be no file for the viewer."""
+    if not has_rerun():
+        lacking = "no .rrd file for the viewer is written: it needs Rerun, pip install 'fgpose[viewer]'"
+        warnings.warn(lacking, stacklevel=2)
+    return has_rerun()
 
 
 def rerun_program() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -169,6 +170,11 @@ def open_system_recording(
     # The oldest are dropped for viewers; a limit would end the pictures after some hours.
     pictures = PictureOptions(None, 80, None, None)
     return RerunSystemRecording(target, rig, skeleton, up, pictures)
+
+
+def has_rerun() -> bool:
+    """Whether Rerun is installed. It is looked for, not imported: that takes a second."""
+    return importlib.util.find_spec("rerun") is not None
 
 
 @contextmanager

@@ -275,7 +275,9 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
 
     @property
     def _scene(self) -> Path | None:
-        return self.output.with_suffix(".rrd") if self.rrd else None
+        from fgpose.cli.viewers import can_write_rrd
+
+        return self.output.with_suffix(".rrd") if self.rrd and can_write_rrd() else None
 
     def _seen_by_rig(self, rig: Path, console: Console) -> Detected:
         """What the cameras of --from saw in videos."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import FlagCreatePairsOff, arg
 
 from fgpose.cli.console import new_console, progress_bar
-from fgpose.cli.options import checked_frames
+from fgpose.cli.options import DEFAULT_FORMATS, checked_frames, possible_formats
 from fgpose.extensions import added
 
 if TYPE_CHECKING:
@@ -101,8 +101,7 @@ class Demo:
         _print_lines(
             new_console(),
             [
-                (str(rrd), f"all that could be seen: {_program('rerun')} {rrd}"),
-                ("", f"without a display: {fgpose} view {rrd} --web"),
+                *_shown(rrd, "all that could be seen"),
                 (str(session), f"run it again: {fgpose} live --replay {session} --page 8099"),
                 ("", f"smooth it: {fgpose} smooth {smooth}"),
             ],
@@ -126,6 +125,7 @@ class Demo:
 
     def _run_calibrate(self) -> int:
         from fgpose.cli.commands.calibrate import Calibrate
+        from fgpose.cli.viewers import can_write_rrd
         from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 
         console, rig = new_console(), self.output / "demo_calibrated.toml"
@@ -140,11 +140,7 @@ class Demo:
             # 1.7 s are too short to find when videos begin.
             synchronised=True,
         ).run()
-        scene = rig.with_suffix(".rrd")
-        lines = [
-            (str(scene), f"the cameras and the verdict: {_program('rerun')} {scene}"),
-            ("", f"without a display: {_program('fgpose')} view {scene} --web"),
-        ]
+        lines = _shown(rig.with_suffix(".rrd"), "the cameras and the verdict") if can_write_rrd() else []
         if code == 0:
             motion = f"the motion with it: {_program('fgpose')} run {folder / 'videos'} --rig {rig} -o {self.output}"
             lines.append((str(rig), motion))
@@ -156,7 +152,7 @@ class Demo:
         from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
         from fgpose.pipeline import Outputs
 
-        outputs = Outputs(self.output, name, ("parquet", "trc", "rrd"))
+        outputs = Outputs(self.output, name, possible_formats(DEFAULT_FORMATS))
         outputs.check(("smoothed",))
         console = new_console()
         with new_console(stderr=True).status("looking for the videos") as status:
@@ -184,7 +180,7 @@ class Demo:
         from fgpose.pipeline.origin import origin_of
 
         n_frames = checked_frames(self.frames)
-        outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"), step="demo")
+        outputs = Outputs(self.output, "demo", possible_formats(DEFAULT_FORMATS), step="demo")
         outputs.check(("smoothed",), calibration=True)
         console = new_console()
         rig, observations = load_recording(self.recording)
@@ -227,16 +223,22 @@ def _run(source: Source) -> tuple[Result, float]:
 
 
 def _say_how_to_open(console: Console, outputs: Outputs, trc_name: str = "") -> None:
-    rrd, parquet, trc = outputs.rrd, outputs.path("parquet"), outputs.path("trc")
+    parquet, trc = outputs.path("parquet"), outputs.path("trc")
     trc = trc.with_name(trc_name) if trc_name else trc
     read = f"import pyarrow.parquet as pq; print(pq.read_table('{parquet}').slice(0, 5))"
     lines = [
-        (str(rrd), f"everything in 3D: {_program('rerun')} {rrd}"),
-        ("", f"without a display: {_program('fgpose')} view {rrd} --web"),
+        *(_shown(outputs.rrd, "everything in 3D") if "rrd" in outputs.formats else []),
         (str(parquet), f'all numbers as a table: {_program("python")} -c "{read}"'),
         (str(trc), "positions for OpenSim: File > Preview Experimental Data..."),
     ]
     _print_lines(console, lines)
+
+
+def _shown(rrd: Path, what: str) -> list[tuple[str, str]]:
+    return [
+        (str(rrd), f"{what}: {_program('rerun')} {rrd}"),
+        ("", f"without a display: {_program('fgpose')} view {rrd} --web"),
+    ]
 
 
 def _study_lines(file: Path, output: Path) -> list[tuple[str, str]]:
