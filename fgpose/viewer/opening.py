@@ -19,6 +19,11 @@ from fgpose.viewer.recording import CalibrationRecording, Recording, SystemRecor
 _RESULTS_MB, _PEOPLE_MB, _SYSTEM_MB = 256.0, 1024.0, 128.0
 
 
+def quieten_rerun() -> None:
+    """Errors only, unless RUST_LOG says otherwise: where Rerun listens is what fgpose says."""
+    os.environ.setdefault("RUST_LOG", "error")
+
+
 def leave_out_analytics() -> None:
     """Rerun, in this process and in those that it starts, sends nothing unless FORCE_RERUN_ANALYTICS=1 is set.
 

@@ -13,7 +13,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 from fgpose.child_process import run_program
 from fgpose.cli.console import new_console, print_written, progress_bar
 from fgpose.cli.options import CameraChoice
-from fgpose.cli.viewers import has_display, rerun_program, warn_if_others_reach
+from fgpose.cli.viewers import WebAddress, has_display, rerun_program, warn_if_others_reach
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.io.atomic import check_replaceable
 from fgpose.plain_files import naming, open_plain
@@ -103,14 +103,21 @@ class View:
                 "Or copy the .rrd file to a computer with a display and open it there with rerun"
             )
         # Without --bind Rerun listens at all addresses, a window too.
-        command = [rerun_program(), str(path), "--bind", self.host if self.web else "127.0.0.1"]
-        if self.web:
-            command.append("--web-viewer")
-            warn_if_others_reach(self.host, "--host", "the recording, with its pictures")
-        new_console(stderr=True).print(" ".join(command), soft_wrap=True)
-        code = run_program(command)
+        code = self._serve(path) if self.web else run_program([rerun_program(), str(path), "--bind", "127.0.0.1"])
         if code:
             raise OSError(f"the viewer ended with code {code}")
+
+    def _serve(self, path: Path) -> int:
+        """To browsers, until Ctrl-C. That is how it ends, so it is not an error."""
+        program = rerun_program()
+        warn_if_others_reach(self.host, "--host", "the recording, with its pictures")
+        served = WebAddress.free(self.host)
+        ports = ["--port", str(served.data_port), "--web-viewer-port", str(served.page_port)]
+        try:
+            with served.said_when_reached():
+                return run_program([program, str(path), "--bind", self.host, "--web-viewer", *ports])
+        except KeyboardInterrupt:
+            return 0
 
 
 def _time_range(from_s: float | None, to_s: float | None) -> TimeRange:

@@ -362,7 +362,7 @@ def test_view_opens_a_trajectory(with_rig: bool, folder: Path, tmp_path: Path, m
     options = ["--rig", str(folder / "Calib.toml")] if with_rig else []
     assert main(["view", str(tmp_path / "walk.parquet"), "--web", *options]) == 0
     assert Path(opened[1]).name == "walk.rrd"
-    assert opened[2:] == ["--bind", "127.0.0.1", "--web-viewer"]
+    assert opened[2:5] == ["--bind", "127.0.0.1", "--web-viewer"]
     assert not Path(opened[1]).exists()
 
 
