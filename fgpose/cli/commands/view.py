@@ -186,19 +186,21 @@ class Overlay(CameraChoice):
         wanted = _time_range(self.from_s, self.to_s)
         rig = self._rig()
         people, up_R_world = load_upright(self.file, self.world_up, rig)
-        sources = open_sources(self.videos, rig.turned(up_R_world), fps=self.fps, cameras=self.cameras)
+        # A result may be of some of the cameras that filmed.
+        cameras = self.cameras or (rig.names if self.rig is None else ())
+        sources = open_sources(self.videos, rig.turned(up_R_world), fps=self.fps, cameras=cameras)
         paths = [self.output.with_stem(f"{self.output.stem}_{name}") for name in sources.rig.names]
         paths = paths if self.each else [self.output]
         for path in paths:
             check_replaceable(path)
-        cameras = shown(sources, people)
+        views = shown(sources, people)
         skeleton = next(iter(people.values())).skeleton
         drawing = Drawing(skeleton, ellipses=self.ellipses, numbers=len(people) > 1)
         with progress_bar("drawing", "images") as progress:
             if self.each:
-                film_of_each(cameras, paths, drawing, wanted, self.width_px, progress)
+                film_of_each(views, paths, drawing, wanted, self.width_px, progress)
             else:
-                film_of_all(cameras, self.output, drawing, wanted, self.width_px or _GRID_WIDTH_PX, progress)
+                film_of_all(views, self.output, drawing, wanted, self.width_px or _GRID_WIDTH_PX, progress)
         print_written(new_console(), *paths)
 
     def _rig(self) -> CameraRig:
