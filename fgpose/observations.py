@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.sampling import TimeRange, mean_times_s
 from fgpose.shown import Shown
+from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
 
 # The rigs of this field are rooms: a median view farther than this from the person is a unit mistake, not a hall.
@@ -212,11 +213,7 @@ class Observations(Shown):
 
     def subset(self, camera_names: tuple[str, ...] | list[str]) -> Observations:
         """Some of the cameras, in the order given. Raises ValueError for an unknown name."""
-        unknown = [name for name in camera_names if name not in self.camera_names]
-        if unknown:
-            raise ValueError(
-                f"the keypoints have no camera {', '.join(unknown)}; they have {', '.join(self.camera_names)}"
-            )
+        check_names(camera_names, self.camera_names, "the keypoints have no camera", "they have")
         kept = [self.camera_names.index(name) for name in camera_names]
         if kept == list(range(self.n_cameras)):
             return self

@@ -20,6 +20,7 @@ from fgpose.observations import (
     refuse_millimetres,
 )
 from fgpose.shown import Shown
+from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
 
 NOTHING = {"points2d_px": np.nan, "confidence": 0.0, "points3d_m": np.nan, "covariance3d_m2": np.nan}
@@ -296,9 +297,7 @@ class PeopleObservations(Shown):
 
     def subset(self, camera_names: Sequence[str]) -> PeopleObservations:
         """The images of some of the cameras. Raises ValueError if there is none, or a name is unknown."""
-        unknown = [name for name in camera_names if name not in self.camera_names]
-        if unknown:
-            raise ValueError(f"the recording has no camera {', '.join(unknown)}, only {', '.join(self.camera_names)}")
+        check_names(camera_names, self.camera_names, "the recording has no camera", "it has")
         images = tuple(image for image in self.images if image.camera in camera_names)
         kept = [self.camera_names.index(name) for name in camera_names]
         frames = None if self.given_frames is None else self.given_frames.subset(kept)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -10,6 +9,8 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from fgpose.shown.unknown_names import did_you_mean
 
 MAX_JOINTS = 4096  # so many numbers are reserved for each frame in the keys of the graph (estimation/keys.py)
 CONTROL = re.compile("[\x00-\x1f\x7f\x85\u2028\u2029]")
@@ -163,9 +164,8 @@ class Skeleton:
         """Index of a joint by name. Raises ValueError for an unknown name; it says which known one is near."""
         if joint in self.joints:
             return self.joints.index(joint)
-        nearest = difflib.get_close_matches(joint, self.joints, n=1)
-        suggestion = f" (did you mean {nearest[0]}?)" if nearest else ""
-        raise ValueError(f"skeleton {self.name} has no joint {joint!r}{suggestion}; it has {', '.join(self.joints)}")
+        meant = did_you_mean(joint, self.joints)
+        raise ValueError(f"skeleton {self.name} has no joint {joint!r}{meant}; it has {', '.join(self.joints)}")
 
     def mirrored(self, bone: tuple[int, int]) -> tuple[int, int]:
         """The same bone on the other side of the body; a bone of the midline is its own mirror image."""

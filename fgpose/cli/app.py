@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import inspect
 import io
 import itertools
 import os
@@ -22,6 +23,7 @@ from typing import Annotated, Any, Protocol, TextIO, Union, runtime_checkable
 import numpy as np
 
 from fgpose.cli.boards import Board
+from fgpose.cli.command_list import print_commands
 from fgpose.cli.commands.angles import Angles
 from fgpose.cli.commands.calibrate import Calibrate
 from fgpose.cli.commands.demo import Demo
@@ -62,27 +64,15 @@ _BROKEN_PIPE = 141
 # Longer than what is said of a file: the lines of a failed calibration, for one.
 _MAX_MESSAGE = 4000
 _EXPECTED = (ValueError, OSError, ImportError, MemoryError)
-_COMMANDS = {
-    "demo": Demo,
-    "calibrate": Calibrate,
-    "board": Board,
-    "run": Run,
-    "study": Study,
-    "detect": Detect,
-    "synchronise": Synchronise,
-    "smooth": Smooth,
-    "track": Track,
-    "live": Live,
-    "refine": Refine,
-    "info": Info,
-    "angles": Angles,
-    "evaluate": Evaluate,
-    "report": Report,
-    "view": View,
-    "overlay": Overlay,
-    "models": Models,
-    "skeletons": Skeletons,
+_GROUPS: dict[str, dict[str, type]] = {
+    "start here": {"demo": Demo},
+    "from videos and cameras": {"run": Run, "detect": Detect, "live": Live},
+    "from keypoints": {"info": Info, "smooth": Smooth, "track": Track, "refine": Refine},
+    "calibration": {"calibrate": Calibrate, "board": Board, "synchronise": Synchronise},
+    "results": {"view": View, "report": Report, "overlay": Overlay, "angles": Angles, "evaluate": Evaluate},
+    "more": {"study": Study, "models": Models, "skeletons": Skeletons},
 }
+_COMMANDS = {name: command for group in _GROUPS.values() for name, command in group.items()}
 _HELP, _HELP_ALL = {"-h", "--help"}, "--help-all"
 _PARAMETERS_HIDDEN = "--help-all also lists the parameters of the estimation, which most recordings do not need."
 _ESTIMATORS = ("run", "smooth", "track", "refine")
@@ -135,6 +125,9 @@ def _run(arguments: list[str]) -> int:
     if arguments[:1] == ["--version"]:
         sys.stdout.write(f"fgpose {version('fgpose')}\n")
         return 0
+    if not arguments or arguments[0] in {*_HELP, _HELP_ALL}:
+        _help()
+        raise SystemExit(0)
     set_arguments(arguments)
     with _plain_warnings():
         code = _parse(arguments).run()
@@ -162,27 +155,30 @@ def _commands(arguments: list[str]) -> dict[str, type]:
     return _COMMANDS | added("fgpose.commands") | _COMMANDS
 
 
+def _help() -> None:
+    with _plain_warnings():
+        others = {name: command for name, command in _commands([]).items() if name not in _COMMANDS}
+    print_commands(_GROUPS | {"of other packages": others} if others else _GROUPS, _DESCRIPTION)
+
+
 def _parse(arguments: list[str]) -> Command:
     import tyro
 
     known = _commands(arguments)
-    completed = getattr(known.get(arguments[0]), "completed", None) if arguments else None
+    completed = getattr(known.get(arguments[0]), "completed", None)
     if completed is not None:
         arguments = [arguments[0], *completed(arguments[1:])]
     _check_decimal_points(arguments)
     config, hides_parameters = _config_of(arguments), _HELP_ALL not in arguments and bool(_HELP & set(arguments))
-    arguments = ["--help" if argument == _HELP_ALL else argument for argument in arguments] or ["--help"]
-    # The list of the commands has one line for each; the help of a command says everything.
-    brief = arguments[:1] in (["-h"], ["--help"])
+    arguments = ["--help" if argument == _HELP_ALL else argument for argument in arguments]
     commands = []
     for name, command in known.items():
-        description = (command.__doc__ or "").partition("\n")[0] if brief else None
         if name in _ESTIMATORS:
             # The values of --config become the defaults of the options, so that the command line overrides them.
             command = _with_defaults(command, config, hidden=hides_parameters)
-        commands.append(Annotated[command, tyro.conf.subcommand(name, description=description)])
+        commands.append(Annotated[command, tyro.conf.subcommand(name)])
     any_command: Any = Union[tuple(commands)]  # noqa: UP007
-    parse = partial(tyro.cli, any_command, prog="fgpose", description=_DESCRIPTION)
+    parse = partial(tyro.cli, any_command, prog="fgpose")
     return _parsed(parse, arguments, known)
 
 
@@ -200,8 +196,11 @@ def _parsed(parse: Callable[..., Command], arguments: list[str], known: Collecti
 
 
 def _options(parse: Callable[..., Command], arguments: list[str], known: Collection[str]) -> set[str]:
-    """Of the command that the arguments name."""
-    return set(re.findall(r"--[\w.-]+", _printed(parse, [arguments[0], "--help"]))) if arguments[0] in known else set()
+    """Of the command that the arguments name, or of its part (models pull)."""
+    if arguments[0] not in known:
+        return set()
+    words = itertools.takewhile(lambda argument: not argument.startswith("-"), arguments[:2])
+    return set(re.findall(r"--[\w.-]+", _printed(parse, [*words, "--help"])))
 
 
 def _printed(parse: Callable[..., Command], arguments: list[str]) -> str:
@@ -235,7 +234,8 @@ def _with_defaults(command: type, config: Config, *, hidden: bool) -> type:
         Annotated[kind, tyro.conf.Suppress] if hidden else kind,
         dataclasses.field(default=config),
     )
-    document = f"{command.__doc__}\n\n{_PARAMETERS_HIDDEN}" if hidden else command.__doc__
+    document = inspect.cleandoc(command.__doc__ or "")
+    document = f"{document}\n\n{_PARAMETERS_HIDDEN}" if hidden else document
     namespace = {"__doc__": document, "__module__": command.__module__}
     return dataclasses.make_dataclass(
         command.__name__, [field], bases=(command,), namespace=namespace, frozen=True, kw_only=True
@@ -264,7 +264,8 @@ def _one_line(error: BaseException) -> str:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Warnings as lines like those of errors, without the place in the code."""
+    """Warnings as lines like those of errors, each once, without the place in the code."""
+    said: set[str] = set()
 
     def show(
         message: Warning | str,
@@ -274,7 +275,10 @@ def _plain_warnings() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        say(f"fgpose: warning: {printable(shortened(' '.join(str(message).split()), _MAX_MESSAGE))}\n")
+        text = printable(shortened(" ".join(str(message).split()), _MAX_MESSAGE))
+        if text not in said:
+            said.add(text)
+            say(f"fgpose: warning: {text}\n")
 
     with warnings.catch_warnings():
         warnings.showwarning = show

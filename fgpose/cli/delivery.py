@@ -99,9 +99,10 @@ def deliver(
     summary: Summary | None = None,
     *,
     strict: bool = False,
+    finish: Callable[[], None] = lambda: None,
 ) -> int:
-    """Diagnose a result, write it, show it, print its summary and what is probably wrong; then, if it is live, serve
-    the viewers until Ctrl-C.
+    """Diagnose a result, write it, show it, print its summary and what is probably wrong; then finish, and if it is
+    live, serve the viewers until Ctrl-C.
 
     Returns:
         The exit code; see conclude.
@@ -122,6 +123,7 @@ def deliver(
     summary(result, written)
     _say_what_is_shown(new_console(), result, outputs)
     code = conclude(new_console(), result.diagnosis, strict=strict)
+    finish()
     if viewer is not None:
         wait_for_viewers(outputs)
     return code

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
+from fgpose.shown.unknown_names import check_names
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -105,9 +106,8 @@ class FromPeopleOptions:
 
         if len(names) < 2:
             raise ValueError(f"one camera ({', '.join(names)}) cannot be calibrated; two are needed")
-        unknown = [name for a, b, _ in self.distance for name in (a, b) if name not in names]
-        if unknown:
-            raise ValueError(f"--distance: there is no camera {', '.join(unknown)}, only {', '.join(names)}")
+        ends = [name for a, b, _ in self.distance for name in (a, b)]
+        check_names(ends, names, "--distance: there is no camera", "there are")
         if self.intrinsics is not None:
             return load_intrinsics(self.intrinsics, names, sizes_px)
         return guessed_intrinsics(names, sizes_px, self.focal_px)

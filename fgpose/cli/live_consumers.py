@@ -61,7 +61,7 @@ class LiveOutputs:
     lsl: Annotated[int, arg(metavar="N", help_behavior_hint="(default: none)")] = 0
     """Publish so many people over the Lab Streaming Layer."""
     mcap: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
-    """Write ROS 2 messages to an MCAP file."""
+    """Write ROS 2 messages to an MCAP file, for Foxglove and ros2 bag play; no ROS node is made."""
     record: Annotated[Path | None, arg(metavar="FILE.fgpose", help_behavior_hint="(default: none)")] = None
     """Record detections, clocks and estimates."""
     page: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="(default: none)")] = None

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from fgpose.pipeline import AnySource, Outputs, Source
 
 Format = Literal["parquet", "npz", "csv", "trc", "c3d", "rrd"]
+DEFAULT_FORMATS: tuple[Format, ...] = ("parquet", "trc", "rrd")
+"""What is written; the last only where Rerun is installed."""
 
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _KEYPOINTS = (
@@ -25,8 +27,8 @@ _KEYPOINTS = (
     "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); or one file of fgpose (npz, parquet), or of FreeMoCap (npy)."
 )
 _SKELETON = (
-    "What the joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, smpl_24, or your "
-    "own TOML file."
+    "What the joints are, where the keypoints do not say it: a name that fgpose skeletons lists (body_25, coco_17, "
+    "halpe_26), or your own TOML file."
 )
 _PEOPLE = (
     "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
@@ -86,8 +88,10 @@ class WantedOptions:
 class KeypointOptions(CameraChoice, RigOption):
     """Where the keypoints and the calibration of a recording are, and their skeleton, rate and units."""
 
-    keypoints: Annotated[Positional[Path], arg(help=_KEYPOINTS)]
-    skeleton: Annotated[str, arg(metavar="NAME|FILE", help=_SKELETON)]
+    keypoints: Annotated[Positional[Path], arg(metavar="KEYPOINTS", help=_KEYPOINTS)]
+    skeleton: Annotated[
+        str | None, arg(metavar="NAME|FILE", help=_SKELETON, help_behavior_hint="(default: as the keypoints say)")
+    ] = None
     fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
     """Frames per second. Needed unless the keypoints file contains times."""
 
@@ -134,7 +138,7 @@ class OutputOptions:
     replaced."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the input)")] = None
     """Name of the result files, without extension."""
-    formats: tuple[Format, ...] = ("parquet", "trc", "rrd")
+    formats: tuple[Format, ...] = DEFAULT_FORMATS
     """What to write: parquet and npz keep everything, csv has the table of parquet for spreadsheets, trc (OpenSim) and
     c3d keep positions, rrd is for the viewer."""
     rrd_fps: Annotated[
@@ -152,7 +156,7 @@ class OutputOptions:
         from fgpose.pipeline import Outputs
 
         # dict: each format once.
-        formats = tuple(dict.fromkeys(self.formats))
+        formats = possible_formats(tuple(dict.fromkeys(self.formats)))
         port = self.port if self.live else None
         name = self.name or f"{Path(os.path.realpath(source)).stem}{self.name_ends}"
         of_step = {"step": self.step, "source": source, "shown_as": self.rrd_ends, "rrd_fps": self.rrd_fps}
@@ -175,6 +179,19 @@ class ParameterOptions(OutputOptions):
     estimate_time_offsets: bool = False
     """First estimate the time offset of each camera from the motion, of all people together. The offsets are written
     with the calibration, as NAME_calibration.toml. With --refine-calibration both are estimated together."""
+
+
+def possible_formats(formats: tuple[Format, ...]) -> tuple[Format, ...]:
+    """What can be written of the formats that nobody chose; those that somebody did choose stay.
+
+    Warns:
+        UserWarning: there will be no file for the viewer.
+    """
+    from fgpose.cli.viewers import can_write_rrd
+
+    if formats != DEFAULT_FORMATS or can_write_rrd():
+        return formats
+    return tuple(each for each in formats if each != "rrd")
 
 
 def checked_frames(frames: int | None) -> int | None:

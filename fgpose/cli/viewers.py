@@ -1,4 +1,4 @@
-"""Letting people see a result or a live system: viewers that connect, windows, and who else could."""
+"""Letting people see a result or a live system: viewers that connect, windows, browsers, and who else could."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ import shutil
 import socket
 import subprocess
 import sys
+import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from fgpose.cli.console import new_console
 from fgpose.pipeline import AnySource, OutputError, Outputs
-from fgpose.viewer import Recording
-from fgpose.viewer.opening import leave_out_analytics
+from fgpose.viewer import Recording, has_rerun
+from fgpose.viewer.opening import leave_out_analytics, quieten_rerun
 
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
@@ -26,6 +30,9 @@ if TYPE_CHECKING:
     from fgpose.skeleton import Skeleton
 
 
+# Of Rerun, unless somebody else has them.
+_PAGE_PORT, _DATA_PORT = 9090, 9876
+_LOOKS_EVERY_S = 0.1
 _EVERY_ADDRESS = ("*", "0.0.0.0", "::")
 # Beyond it the viewer forgets what is oldest.
 _VIEWER_MEMORY = "1GB"
@@ -162,6 +169,14 @@ def _start(command: list[str]) -> None:
     )
 
 
+def can_write_rrd() -> bool:
+    """Whether Rerun is installed. Warns, with UserWarning, if it is not: there will be no file for the viewer."""
+    if not has_rerun():
+        lacking = "no .rrd file for the viewer is written: it needs Rerun, pip install 'fgpose[viewer]'"
+        warnings.warn(lacking, stacklevel=2)
+    return has_rerun()
+
+
 def rerun_program() -> str:
     """The viewer's program: that beside this Python, else the one on the path."""
     beside = shutil.which("rerun", path=str(Path(sys.executable).parent))
@@ -169,8 +184,82 @@ def rerun_program() -> str:
     if program is None:
         raise ImportError("the viewer needs Rerun: pip install 'fgpose[viewer]'")
     leave_out_analytics()
+    quieten_rerun()
     return program
 
 
 def has_display() -> bool:
     return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+@dataclass(frozen=True)
+class WebAddress:
+    """A page, and the recording that it asks for, at an address of this computer."""
+
+    host: str
+    """The address that is bound; 0.0.0.0 stands for all."""
+    page_port: int
+    data_port: int
+
+    @staticmethod
+    def free(host: str) -> WebAddress:
+        """Rerun's usual ports, or others if these are taken. Raises OSError if the address is none of this computer."""
+        return WebAddress(host, _free_port(host, _PAGE_PORT), _free_port(host, _DATA_PORT))
+
+    def url(self, host: str) -> str:
+        """What a browser opens that knows this computer by a name or an address."""
+        host = f"[{host}]" if ":" in host else host
+        data = quote(f"rerun+http://{host}:{self.data_port}/proxy", safe="")
+        return f"http://{host}:{self.page_port}/?url={data}"
+
+    @contextmanager
+    def said_when_reached(self) -> Iterator[None]:
+        """Prints the address once something answers there: who clicks on it sooner sees an error."""
+        ended = threading.Event()
+        waiting = threading.Thread(target=self._say_when_reached, args=(ended,), daemon=True)
+        waiting.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            waiting.join()
+
+    def _say_when_reached(self, ended: threading.Event) -> None:
+        while not self._is_reached():
+            if ended.wait(_LOOKS_EVERY_S):
+                return
+        console = new_console()
+        console.print(f"open {self.url(self._local)} in a browser; Ctrl-C ends", soft_wrap=True)
+        if _is_loopback(self.host):
+            ports = " ".join(f"-L {port}:localhost:{port}" for port in (self.page_port, self.data_port))
+            console.print(f"From another computer, first: ssh {ports} THIS_COMPUTER", soft_wrap=True)
+        else:
+            others = _addresses() if self.host != self._local else [self.host]
+            console.print(f"From another computer: {self.url(others[0])}", soft_wrap=True)
+
+    @property
+    def _local(self) -> str:
+        return {"0.0.0.0": "127.0.0.1", "*": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+
+    def _is_reached(self) -> bool:
+        try:
+            for port in (self.page_port, self.data_port):
+                socket.create_connection((self._local, port), timeout=1.0).close()
+        except OSError:
+            return False
+        return True
+
+
+def _free_port(host: str, wanted: int) -> int:
+    """The wanted port, or any other. Somebody else may take it before it is used, which Rerun then says."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for port in (wanted, 0):
+        with closing(socket.socket(family)) as probe:
+            try:
+                probe.bind((host, port))
+            except OSError:
+                if port == 0:
+                    raise OSError(f"--host {host}: that is no address of this computer") from None
+                continue
+            return int(probe.getsockname()[1])
+    raise AssertionError

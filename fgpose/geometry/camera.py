@@ -18,6 +18,7 @@ from fgpose.geometry.lens import LensModel, check_lens, with_distortion, without
 from fgpose.geometry.rigid import check_pose, inverse, pose_of
 from fgpose.plain_files import naming
 from fgpose.shown import Shown
+from fgpose.shown.unknown_names import check_names
 
 REFERENCE_FOCAL_PX = 1145.0
 """Of the cameras of Human3.6M. Parameters in pixels are those of an image with this focal length."""
@@ -207,9 +208,7 @@ class CameraRig(Shown):
         """The named cameras, in the order given. Raises ValueError for an unknown name."""
         by_name = dict(zip(self.names, self.cameras, strict=True))
         names = tuple(names)
-        unknown = [name for name in names if name not in by_name]
-        if unknown:
-            raise ValueError(f"the calibration has no camera {', '.join(unknown)}; it has {', '.join(self.names)}")
+        check_names(names, self.names, "the calibration has no camera", "it has")
         return CameraRig(tuple(by_name[name] for name in names))
 
     def turned(self, rotation: Float[np.ndarray, "3 3"]) -> CameraRig:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.shown.unknown_names import check_names
 
 _CLOCKWISE = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -24,9 +25,7 @@ def turn_images(rig: CameraRig, quarter_turns: Mapping[str, int]) -> CameraRig:
     Raises:
         ValueError: a camera is unknown.
     """
-    unknown = [name for name in quarter_turns if name not in rig.names]
-    if unknown:
-        raise ValueError(f"the calibration has no camera {', '.join(unknown)}; it has {', '.join(rig.names)}")
+    check_names(quarter_turns, rig.names, "the calibration has no camera", "it has")
     cameras = []
     for camera in rig.cameras:
         for _ in range(quarter_turns.get(camera.name, 0) % 4):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from typing import Any
 
+from fgpose.io.content import parse_json
 from fgpose.skeleton import BodyPart, Skeleton
 
 _PAIRS = ("bones", "left_right", "limbs", "lines")
@@ -30,6 +32,16 @@ def skeleton_of(table: Any) -> Skeleton:
         parts=_parts(table.get("parts", [])),
         **{name: _pairs(table[name]) for name in _PAIRS},
     )
+
+
+def skeleton_to_json(skeleton: Skeleton) -> str:
+    """All of a skeleton, as skeleton_from_json reads it."""
+    return json.dumps(skeleton_table(skeleton))
+
+
+def skeleton_from_json(text: str) -> Skeleton:
+    """Raises ValueError: the text is not what skeleton_to_json writes, or no skeleton."""
+    return skeleton_of(parse_json(text))
 
 
 def joint_names(value: Any) -> tuple[str, ...]:

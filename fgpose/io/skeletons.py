@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import reprlib
-from difflib import get_close_matches
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 from fgpose.config import parse_toml
 from fgpose.io.content import read_content
 from fgpose.plain_files import MAX_SETTINGS_BYTES, naming
+from fgpose.shown.unknown_names import nearest, plain
 from fgpose.skeleton import LIMBS, BodyPart, Skeleton
 
 _KEYS = {"name", "joints", "root", "bones", "lines", "left_right", "limbs", "parts"}
@@ -47,19 +47,15 @@ def as_skeleton(skeleton: Skeleton | str | Path) -> Skeleton:
 
 def _builtin(name: str) -> str:
     """The one that is called so, but for case and separators; or alone but for its number; or alone begins so."""
-    wanted, plain = _plain(name), {_plain(own): own for own in builtin_skeletons()}
-    begin_so = [own for each, own in plain.items() if wanted and each.startswith(wanted)]
-    but_for_number = [own for own in begin_so if _plain(own)[len(wanted) :][:1].isdigit()]
-    found = [plain[wanted]] if wanted in plain else but_for_number or begin_so
+    wanted, known = plain(name), {plain(own): own for own in builtin_skeletons()}
+    begin_so = [own for each, own in known.items() if wanted and each.startswith(wanted)]
+    but_for_number = [own for own in begin_so if plain(own)[len(wanted) :][:1].isdigit()]
+    found = [known[wanted]] if wanted in known else but_for_number or begin_so
     if len(found) != 1:
-        meant = found or [plain[near] for near in get_close_matches(wanted, plain, n=2)]
+        meant = found or nearest(name, builtin_skeletons(), n_most=2)
         hint = f"did you mean {' or '.join(meant)}? There are" if meant else "give a TOML file or one of"
         raise ValueError(f"no skeleton {name!r}: {hint} {', '.join(builtin_skeletons())}")
     return found[0]
-
-
-def _plain(name: str) -> str:
-    return "".join(letter for letter in name.lower() if letter.isalnum())
 
 
 @cache

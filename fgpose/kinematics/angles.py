@@ -14,6 +14,7 @@ from fgpose.kinematics.definitions import angles_of
 from fgpose.kinematics.landmarks import landmarks, points_of
 from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.shown import OverTime
+from fgpose.shown.unknown_names import did_you_mean
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
@@ -45,7 +46,9 @@ class JointAngles(OverTime):
     def __getitem__(self, name: str) -> Float[np.ndarray, " frame"]:
         """An angle by name, degrees. Raises ValueError for an unknown name."""
         if name not in self.names:
-            raise ValueError(f"there is no angle {name!r}; there are {', '.join(self.names)}")
+            raise ValueError(
+                f"there is no angle {name!r}{did_you_mean(name, self.names)}; there are {', '.join(self.names)}"
+            )
         return self.angle_deg[:, self.names.index(name)]
 
 

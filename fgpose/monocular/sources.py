@@ -92,7 +92,7 @@ def open_sources(
             natural order or a single video. Names are compared as match_cameras does.
         rig: the cameras.
         fps: frames per second; needed for images, overrides what videos say.
-        cameras: use only these, in this order. The calibration may then have cameras that the videos lack.
+        cameras: use only these, in this order. Calibration and videos may then have cameras that the other lacks.
 
     Warns:
         UserWarning: the size of a video differs from that of its calibration, or it ends early.
@@ -153,7 +153,7 @@ def _matched(
     wanted = rig.subset(cameras) if cameras else rig
     for candidate in dict.fromkeys((rig, wanted)):
         try:
-            return match_cameras(found, candidate.names), wanted
+            return match_cameras(found, candidate.names, ignore_others=bool(cameras)), wanted
         except ValueError:
             continue
     raise ValueError(

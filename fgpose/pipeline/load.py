@@ -12,6 +12,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.keypoints import keypoint_cameras, load_recording
 from fgpose.io.names import counted_otherwise, seen_cameras
+from fgpose.io.stated_skeleton import stated_skeleton
 from fgpose.observations import check_confidence
 from fgpose.pipeline.detected_orientation import as_detected
 from fgpose.pipeline.freed_memory import hand_back
@@ -39,7 +40,7 @@ Wanted = Literal["auto", "all", "1"] | PersonRegion
 def load_source(
     keypoints: Path,
     calibration: Path,
-    skeleton: str | Path | Skeleton,
+    skeleton: str | Path | Skeleton | None = None,
     *,
     cameras: tuple[str, ...] = (),
     people: Wanted = "auto",
@@ -52,7 +53,7 @@ def load_source(
     Args:
         keypoints: folder or file of the detected joints.
         calibration: file of the cameras.
-        skeleton: what the keypoints are.
+        skeleton: what the keypoints are; None: as they say.
         cameras: use only these, in this order. Calibration and keypoints may then have cameras that the other lacks;
             all together tell who is the one who is wanted.
         people: who is wanted.
@@ -67,6 +68,8 @@ def load_source(
     Warns:
         UserWarning: as load_people.
     """
+    if skeleton is None:
+        skeleton = stated_skeleton(keypoints)
     wanted = _wanted(
         _recording(keypoints, calibration, skeleton, cameras, reading), keypoints, cameras, people, n_frames
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import importlib.util
 import math
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -31,7 +30,7 @@ from fgpose.pipeline.source import AnySource
 from fgpose.sampling import thinning
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
-from fgpose.viewer import Recording, open_recording
+from fgpose.viewer import Recording, has_rerun, open_recording
 
 Format = Literal["parquet", "npz", "csv", "trc", "c3d", "rrd"]
 Display = Callable[[Result, Recording], None]
@@ -230,8 +229,7 @@ def _of_single_people(path: Path) -> Iterator[Path]:
 
 
 def _require_rerun() -> None:
-    # Looked for, not imported: that takes a second.
-    if importlib.util.find_spec("rerun") is None:
+    if not has_rerun():
         raise ImportError(
             "a .rrd file needs Rerun: pip install 'fgpose[viewer]'; or leave rrd out: --formats parquet trc"
         )

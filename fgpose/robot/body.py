@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.live.frame import LivePerson
+from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
 
 RADIUS_M: Mapping[str, float] = MappingProxyType(
@@ -71,9 +72,7 @@ class Body:
         Raises:
             ValueError: the skeleton lacks one of these joints, which is named, or a part is unknown.
         """
-        unknown = set(radius_m or {}) - set(RADIUS_M)
-        if unknown:
-            raise ValueError(f"no part of the body is called {min(unknown)}; known: {', '.join(RADIUS_M)}")
+        check_names(radius_m or {}, RADIUS_M, "no part of the body is called", "known:")
         radii_m = {**RADIUS_M, **(radius_m or {})}
         parts, names, joints = [], [], []
 

@@ -3,6 +3,7 @@
 Rerun is an optional dependency; it is imported only when a recording is opened.
 """
 
+from fgpose.viewer.opening import has_rerun as has_rerun
 from fgpose.viewer.opening import open_calibration_recording as open_calibration_recording
 from fgpose.viewer.opening import open_people_recording as open_people_recording
 from fgpose.viewer.opening import open_recording as open_recording

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +17,11 @@ from fgpose.viewer.recording import CalibrationRecording, Recording, SystemRecor
 
 # Kept for viewers who connect late. 20,000 frames of 8 people in 8 cameras take half of it; of a system some minutes.
 _RESULTS_MB, _PEOPLE_MB, _SYSTEM_MB = 256.0, 1024.0, 128.0
+
+
+def quieten_rerun() -> None:
+    """Errors only, unless RUST_LOG says otherwise: where Rerun listens is what fgpose says."""
+    os.environ.setdefault("RUST_LOG", "error")
 
 
 def leave_out_analytics() -> None:
@@ -169,6 +175,11 @@ def open_system_recording(
     # The oldest are dropped for viewers; a limit would end the pictures after some hours.
     pictures = PictureOptions(None, 80, None, None)
     return RerunSystemRecording(target, rig, skeleton, up, pictures)
+
+
+def has_rerun() -> bool:
+    """Whether Rerun is installed. It is looked for, not imported: that takes a second."""
+    return importlib.util.find_spec("rerun") is not None
 
 
 @contextmanager

@@ -164,7 +164,7 @@ def _report(folder: Path, command: str) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark:
-    """Compare fgpose with other methods on recordings whose truth is known.
+    """Compare fgpose with other methods, where truth is known.
 
     Without a name it runs the open benchmark: fgpose benchmark --quick is fgpose benchmark open --quick.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +10,8 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+
+from fgpose.shown.unknown_names import nearest
 
 BoardKind = Literal["charuco", "chessboard", "circles"]
 
@@ -142,8 +143,8 @@ def _check_dictionary(name: str, n_needed: int) -> None:
 
     known = [each for each in dir(cv2.aruco) if each.startswith("DICT_")]
     if name not in known:
-        nearest = difflib.get_close_matches(name.upper(), known, n=1)
-        raise ValueError(f"unknown dictionary {name!r}" + (f" (did you mean {nearest[0]}?)" if nearest else ""))
+        meant = "".join(f" (did you mean {near}?)" for near in nearest(name, known))
+        raise ValueError(f"unknown dictionary {name!r}{meant}")
     n_markers = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).bytesList)
     if n_markers < n_needed:
         raise ValueError(f"{name} has {n_markers} markers, the board needs {n_needed}")

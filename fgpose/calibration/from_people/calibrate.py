@@ -35,6 +35,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import BLOCK_PX
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.people_observations import PeopleObservations
+from fgpose.shown.unknown_names import check_names
 
 Focal = Literal["known", "shared", "each"]
 """Focal lengths are those of the intrinsics; are unknown, one for all cameras of a model; or one for each camera."""
@@ -137,9 +138,8 @@ def _checked(
         raise ValueError(f"one camera ({intrinsics.names[0]}) cannot be calibrated; at least two cameras are needed")
     if stature_m is not None:
         check_stature(stature_m)
-    unknown = [name for first, second, _ in distances for name in (first, second) if name not in intrinsics.names]
-    if unknown:
-        raise ValueError(f"a distance is given for {', '.join(unknown)}; the cameras are {', '.join(intrinsics.names)}")
+    ends = [name for first, second, _ in distances for name in (first, second)]
+    check_names(ends, intrinsics.names, "a distance is given for", "the cameras are")
     return [MeasuredDistance(*distance) for distance in distances]
 
 

@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Angles:
-    """Joint angles of a result, by the recommendations of the ISB: prints their ranges, and writes them.
+    """Joint angles of a result, by the recommendations of the ISB.
 
-    Flexion, adduction, internal rotation and dorsiflexion are positive, as are bending and obliquity to the right and
-    rotation to the left. A straight knee or elbow has flexion 0; the shoulder's plane of elevation is 0 in abduction
-    and 90 in forward flexion. Where joints do not determine an angle (hip rotation of a straight leg), there is a gap.
+    Prints their ranges, and writes them. Flexion, adduction, internal rotation and dorsiflexion are positive, as are
+    bending and obliquity to the right and rotation to the left. A straight knee or elbow has flexion 0; the shoulder's
+    plane of elevation is 0 in abduction and 90 in forward flexion. Where joints do not determine an angle (hip rotation
+    of a straight leg), there is a gap.
 
     Each -o FILE is written as its extension says: .parquet and .csv have angles, speeds and heights with their standard
     deviations, one row for each; .mot has the coordinates of OpenSim; .bvh is for Blender; .c3d has the rotations of
@@ -36,7 +37,7 @@ class Angles:
     Example: fgpose angles out/walk.parquet -o walk.mot -o walk.bvh
     """
 
-    file: Positional[Path]
+    file: Annotated[Positional[Path], arg(metavar="RESULT")]
     """A result, or any trajectory file: parquet, npz, TRC, C3D."""
     output: Annotated[UseAppendAction[tuple[Path, ...]], arg(metavar="FILE", aliases=("-o",))] = ()
     """File to be written: .parquet, .csv, .mot, .bvh or .c3d. May be given several times."""

@@ -53,7 +53,7 @@ _FORMAT = (
 class RecordingToCalibrate(FromPeopleOptions):
     """What the cameras recorded, and where the calibration goes."""
 
-    recording: Annotated[Positional[Path], arg(help=_RECORDING)]
+    recording: Annotated[Positional[Path], arg(metavar="RECORDING", help=_RECORDING)]
     from_rig: Annotated[
         Path | None, arg(name="from", metavar="FILE", help=_FROM, help_behavior_hint="(default: none)")
     ] = None
@@ -80,7 +80,7 @@ class RecordingToCalibrate(FromPeopleOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
-    """Calibrate cameras from nothing but people who walk through the scene, or with a board.
+    """Calibrate cameras from people who walk, or with a board.
 
     No board, no common start: one person walks for half a minute where all cameras look (docs/calibrate.md says how).
     Writes the rig, with the start of each camera (time_offset_s and start_s), and a scene for the viewer beside it;
@@ -209,7 +209,7 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
 
         people = load_uncalibrated(
             self.recording,
-            self._needed_skeleton(),
+            self.skeleton,
             fps=self.fps,
             points3d_unit=self.points3d_unit,
             cameras=self.cameras,
@@ -238,11 +238,6 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
             return load_rig(self.intrinsics)
         except ValueError:
             return None
-
-    def _needed_skeleton(self) -> str:
-        if self.skeleton is None:
-            raise ValueError("detected joints need --skeleton, which says what they are (body_25, coco_17, ...)")
-        return self.skeleton
 
     def _bumped(self) -> int:
         from fgpose.calibration.bumped import refine_bumped
@@ -280,7 +275,9 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
 
     @property
     def _scene(self) -> Path | None:
-        return self.output.with_suffix(".rrd") if self.rrd else None
+        from fgpose.cli.viewers import can_write_rrd
+
+        return self.output.with_suffix(".rrd") if self.rrd and can_write_rrd() else None
 
     def _seen_by_rig(self, rig: Path, console: Console) -> Detected:
         """What the cameras of --from saw in videos."""
@@ -298,7 +295,7 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
         source = load_source(
             self.recording,
             rig,
-            self._needed_skeleton(),
+            self.skeleton,
             cameras=self.cameras,
             fps=self.fps,
             points3d_unit=self.points3d_unit,

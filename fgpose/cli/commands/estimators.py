@@ -33,7 +33,7 @@ class EstimatorOptions(ParameterOptions, RecordingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Smooth(EstimatorOptions):
-    """Smooth a whole recording: the most probable motion given all frames.
+    """Smooth a recording: the most probable motion of all frames.
 
     Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. Of several people, all are in NAME.parquet, and
     each has a NAME_personN.trc. With --solver.no-covariance it is faster and does not state how uncertain each joint
@@ -65,10 +65,11 @@ class Smooth(EstimatorOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Refine(EstimatorOptions):
-    """Estimate every frame alone by the paper's method: reprojection error with limb symmetry, no smoothing.
+    """Estimate every frame alone, by the method of the paper.
 
-    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder, where NAME ends with _refined unless it is given.
-    Of the parameters only --fusion.*, --refinement.* and --solver.max-iterations matter here.
+    Reprojection error with limb symmetry, no smoothing. Writes NAME.parquet, NAME.trc and NAME.rrd into the output
+    folder, where NAME ends with _refined unless it is given. Of the parameters only --fusion.*, --refinement.* and
+    --solver.max-iterations matter here.
 
     Example: fgpose refine pose/ --rig Calib.toml --skeleton body_25b --fps 60
     """
@@ -93,11 +94,11 @@ class Refine(EstimatorOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Track(EstimatorOptions):
-    """Replay a recording frame by frame through the online estimator, as if it were live, and time it.
+    """Replay a recording through the online estimator, and time it.
 
-    Writes NAME_online.* (the newest pose after each frame) and NAME_smoothed.* (each frame once it is --online.lag-s
-    old), and NAME_online.rrd. With --live, viewers see every frame as soon as it is estimated. Prints latencies in
-    milliseconds.
+    Frame by frame, as if it were live. Writes NAME_online.* (the newest pose after each frame) and NAME_smoothed.*
+    (each frame once it is --online.lag-s old), and NAME_online.rrd. With --live, viewers see every frame as soon as it
+    is estimated. Prints latencies in milliseconds.
 
     Example: fgpose track pose/ --rig Calib.toml --skeleton body_25b --fps 60 --online.lag-s 0.3
     """

@@ -20,19 +20,19 @@ from fgpose.geometry.up_axis import UpChoice
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate:
-    """Compare a result with a reference: errors in millimetres, jitter in m/s^3, and a table of the joints.
+    """Compare a result with a reference: errors in millimetres.
 
-    Any trajectory files: parquet, npz, TRC, C3D. Joints are matched by name, frames by time. Nothing is interpolated,
-    and only PA-MPJPE aligns the poses. Where one of the files has several people: who was found, told apart and posed
-    how well (recall, precision, MOTA, IDF1, HOTA, MPJPE, PCP), over all frames of the reference, and a table of its
-    people.
+    Prints errors, jitter in m/s^3, and a table of the joints. Any trajectory files: parquet, npz, TRC, C3D. Joints are
+    matched by name, frames by time. Nothing is interpolated, and only PA-MPJPE aligns the poses. Where one of the files
+    has several people: who was found, told apart and posed how well (recall, precision, MOTA, IDF1, HOTA, MPJPE, PCP),
+    over all frames of the reference, and a table of its people.
 
     Example: fgpose evaluate out/pose.parquet mocap.trc --offset-s 0.25
     """
 
-    estimate: Positional[Path]
+    estimate: Annotated[Positional[Path], arg(metavar="ESTIMATE")]
     """File of the result."""
-    reference: Positional[Path]
+    reference: Annotated[Positional[Path], arg(metavar="REFERENCE")]
     """File of the reference."""
     offset_s: Annotated[float, arg(metavar="SECONDS")] = 0.0
     """Added to the reference's times, for a reference with a clock of its own, seconds."""

@@ -25,7 +25,7 @@ _MAX_GAPS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Info(RecordingOptions):
-    """Report on a recording before solving it: what is seen, and what is probably wrong.
+    """Say what a recording shows, and what is probably wrong.
 
     How many people there seem to be, and when; which cameras see what, how well they agree, whether a calibration is
     wrong, a camera was moved or is late, left and right are exchanged, or millimetres are taken for metres. Takes some

@@ -69,7 +69,7 @@ class ListModels:
 
 @dataclass(frozen=True, kw_only=True)
 class Models:
-    """Weights of pose networks: fetch them (pull), list them (list).
+    """Weights of pose networks: pull fetches them, list lists them.
 
     Example: fgpose models pull blazepose-full
     """
@@ -85,7 +85,7 @@ class Models:
 
 @dataclass(frozen=True, kw_only=True)
 class Skeletons:
-    """List the skeletons that come with fgpose, or show the joints and bones of one.
+    """List the skeletons that fgpose knows, or show one.
 
     Names are also found as other programs write them: BODY_25, halpe26, COCO.
 

@@ -16,11 +16,12 @@ from fgpose.geometry.up_axis import UpChoice
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Say in one HTML file what a result is worth, and what is suspicious: a recording, or all of a study.
+    """Say in one HTML file what a result is worth.
 
-    The file opens in any browser, without a network. Of a recording: what each camera saw, reprojection errors,
-    uncertainty, bone lengths, joint angles, cameras, people, the worst moments. Of a study: one table of all
-    recordings, those unlike the others first, with the report of each. What is not known is said in the file.
+    Says also what is suspicious. The file opens in any browser, without a network. Of a recording: what each camera
+    saw, reprojection errors, uncertainty, bone lengths, joint angles, cameras, people, the worst moments. Of a study:
+    one table of all recordings, those unlike the others first, with the report of each. What is not known is said in
+    the file.
 
     Example: fgpose report out --rig Calib.toml --videos videos
     """

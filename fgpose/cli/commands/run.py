@@ -12,6 +12,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 from fgpose.cli.calibration import calibrated
 from fgpose.cli.commands.calibrate import FAILED
 from fgpose.cli.commands.detect import VideoOptions
+from fgpose.cli.commands.view import Overlay
 from fgpose.cli.console import new_console, progress_bar
 from fgpose.cli.from_people import FromPeopleOptions, print_calibrated
 from fgpose.cli.options import ParameterOptions
@@ -50,11 +51,11 @@ class CameraOptions(FromPeopleOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Run(ParameterOptions, VideoOptions, CameraOptions):
-    """From the videos of several cameras to the smoothed 3D motion of people: detect, fuse, smooth, save.
+    """From videos of several cameras to the smoothed 3D motion.
 
-    Writes NAME.parquet, NAME.trc and NAME.rrd, which shows the images, into the output folder. Detections are cached: a
-    run with other parameters, or after Ctrl-C, does not repeat them. The first run fetches the weights
-    (fgpose models pull).
+    Detects, fuses, smooths and saves: writes NAME.parquet, NAME.trc and NAME.rrd, which shows the images, into the
+    output folder. Detections are cached: a run with other parameters, or after Ctrl-C, does not repeat them. The first
+    run fetches the weights (fgpose models pull).
 
     Example: fgpose run videos/ --rig Calib.qca.txt -o out; or, without a calibration, fgpose run videos/ --calibrate
     --height 1.78 -o out
@@ -68,6 +69,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
     """Largest width of the images in the .rrd file, pixels; larger ones are shrunk."""
     image_fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: of every frame shown)")] = None
     """Images per second of each camera in the .rrd file. All together take at most 1 GB."""
+    overlay: Annotated[bool, FlagCreatePairsOff] = False
+    """Also draw the result into the videos: NAME_overlay.mp4, all cameras in one film. fgpose overlay draws others."""
 
     def sources(self) -> Sources:
         if self.rig is not None:
@@ -91,6 +94,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         wanted = {"poses": self.refine_calibration, "clocks": self.estimate_time_offsets}
         inputs = tuple(path for path in (self.rig, self.intrinsics) if path is not None)
         outputs.check(("smoothed",), inputs, calibration=self.calibrate or any(wanted.values()))
+        self._check_overlay(outputs)
         detected = self.detect(console)
         found = self._calibrated(detected, outputs, console) if self.calibrate else None
         if self.calibrate and found is None:
@@ -115,7 +119,31 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
                     compare=outputs.compared_every(source.observations.frame_time_s),
                     unfinished=outputs.unfinished,
                 )
-            return deliver(result, outputs, viewer, show_all, strict=self.strict)
+            finish = partial(self._draw_overlay, result, outputs) if self.overlay else lambda: None
+            return deliver(result, outputs, viewer, show_all, strict=self.strict, finish=finish)
+
+    def _check_overlay(self, outputs: Outputs) -> None:
+        """Raise, before any work, ImportError or OSError if no film can be made, ValueError if there is nothing to make
+        it from."""
+        from fgpose.io.atomic import check_replaceable
+        from fgpose.overlay.film import check_films
+
+        if not self.overlay:
+            return
+        check_films()
+        check_replaceable(_film_of(outputs))
+        if "parquet" not in outputs.formats:
+            raise ValueError("--overlay is drawn from the parquet file: let --formats have parquet")
+
+    def _draw_overlay(self, result: Result, outputs: Outputs) -> None:
+        """Of the time that was estimated."""
+        Overlay(
+            file=outputs.path("parquet"),
+            videos=self.videos,
+            output=_film_of(outputs),
+            fps=self.fps,
+            to_s=None if self.frames is None else float(result.frame_time_s[-1]),
+        ).run()
 
     def _calibrated(self, detected: Detected, outputs: Outputs, console: Console) -> CalibratedFromPeople | None:
         """The cameras; None if the calibration has failed."""
@@ -139,3 +167,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
             rig, inputs = rig.with_time_offsets(given.time_offsets_s), inputs | {"Calibration": self.rig}
         origin = origin_of(rig, self.fps, **inputs).with_inputs(*video_files(detected.sources.clips))
         return origin if found is None else from_people(origin, found)
+
+
+def _film_of(outputs: Outputs) -> Path:
+    return outputs.folder / f"{outputs.name}_overlay.mp4"

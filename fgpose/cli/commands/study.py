@@ -28,18 +28,18 @@ _MOST_FAILURES = 30
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Estimate all recordings of a study, on all cores or on a cluster, and put the results in one data set.
+    """Estimate all recordings of a study, into one data set.
 
-    Writes into the study's output folder: recordings/SUBJECT/SESSION/TRIAL/ with the results of each; motion/ and
-    angles/, data sets that pandas, polars and DuckDB open as one table; quality.csv and quality.parquet with a row for
-    each recording. What is finished and has not changed is not done again: after Ctrl-C, a crash or a change of the
-    study file, run the same command. A recording that fails is in the table with its reason, which is also written
-    beside its folder, and stops nothing; the exit code is 1 then.
+    Works on all cores or on a cluster. Writes into the study's output folder: recordings/SUBJECT/SESSION/TRIAL/ with
+    the results of each; motion/ and angles/, data sets that pandas, polars and DuckDB open as one table; quality.csv
+    and quality.parquet with a row for each recording. What is finished and has not changed is not done again: after
+    Ctrl-C, a crash or a change of the study file, run the same command. A recording that fails is in the table with its
+    reason, which is also written beside its folder, and stops nothing; the exit code is 1 then.
 
     Example: fgpose study study.toml --init, then edit study.toml, then fgpose study study.toml --dry-run
     """
 
-    file: Positional[Path]
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
     """The study file (TOML). --init writes one with comments."""
     init: Annotated[bool, FlagCreatePairsOff] = False
     """Write a template of the study file, and do nothing else."""

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Synchronise(KeypointOptions):
-    """Find when each camera began, from the motion of the person who is seen most, and write it into the calibration.
+    """Find when each camera began, from the motion of a person.
 
-    For cameras that are calibrated but were started by hand: one calibration serves all recordings of a session, and
-    each gets its own starts. Ten seconds of somebody who moves are enough, wherever the videos begin. Of videos, fgpose
-    detect makes the keypoints.
+    Takes the person who is seen most, and writes the starts into the calibration. For cameras that are calibrated but
+    were started by hand: one calibration serves all recordings of a session, and each gets its own starts. Ten seconds
+    of somebody who moves are enough, wherever the videos begin. Of videos, fgpose detect makes the keypoints.
 
     Example: fgpose synchronise pose/ --rig rig.toml --skeleton body_25b --fps 60 -o take_1.toml, then fgpose smooth
     pose/ --rig take_1.toml --skeleton body_25b --fps 60

@@ -13,7 +13,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 from fgpose.child_process import run_program
 from fgpose.cli.console import new_console, print_written, progress_bar
 from fgpose.cli.options import CameraChoice
-from fgpose.cli.viewers import has_display, rerun_program, warn_if_others_reach
+from fgpose.cli.viewers import WebAddress, has_display, rerun_program, warn_if_others_reach
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.io.atomic import check_replaceable
 from fgpose.plain_files import naming, open_plain
@@ -29,12 +29,12 @@ _GRID_WIDTH_PX = 1920
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Open the Rerun viewer on a .rrd file or on a result (parquet, npz, TRC, C3D).
+    """Open the Rerun viewer on a .rrd file or on a result.
 
     Example: fgpose view out/demo.rrd; or, of a long recording, fgpose view out/pose.parquet --from 600 --to 660
     """
 
-    file: Positional[Path]
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
     """A .rrd file, or a trajectory file in any of the formats that fgpose writes."""
     from_s: Annotated[float | None, arg(name="from", metavar="S", help_behavior_hint="(default: beginning)")] = None
     """Show only what is later: a time of the recording, seconds; of live recordings since their beginning.
@@ -103,14 +103,21 @@ class View:
                 "Or copy the .rrd file to a computer with a display and open it there with rerun"
             )
         # Without --bind Rerun listens at all addresses, a window too.
-        command = [rerun_program(), str(path), "--bind", self.host if self.web else "127.0.0.1"]
-        if self.web:
-            command.append("--web-viewer")
-            warn_if_others_reach(self.host, "--host", "the recording, with its pictures")
-        new_console(stderr=True).print(" ".join(command), soft_wrap=True)
-        code = run_program(command)
+        code = self._serve(path) if self.web else run_program([rerun_program(), str(path), "--bind", "127.0.0.1"])
         if code:
             raise OSError(f"the viewer ended with code {code}")
+
+    def _serve(self, path: Path) -> int:
+        """To browsers, until Ctrl-C. That is how it ends, so it is not an error."""
+        program = rerun_program()
+        warn_if_others_reach(self.host, "--host", "the recording, with its pictures")
+        served = WebAddress.free(self.host)
+        ports = ["--port", str(served.data_port), "--web-viewer-port", str(served.page_port)]
+        try:
+            with served.said_when_reached():
+                return run_program([program, str(path), "--bind", self.host, "--web-viewer", *ports])
+        except KeyboardInterrupt:
+            return 0
 
 
 def _time_range(from_s: float | None, to_s: float | None) -> TimeRange:
@@ -127,18 +134,19 @@ def _between(people: dict[int, Trajectory], wanted: TimeRange) -> dict[int, Traj
 
 @dataclass(frozen=True, kw_only=True)
 class Overlay(CameraChoice):
-    """Draw a result into the videos that it was made from: skeletons, and an ellipse in which each joint is with 95 %.
+    """Draw a result into the videos that it was made from.
 
-    Each person has a colour and, if there are several, a number. Joints that are predicted, because fewer than two
-    cameras see them, are hollow, and their bones dashed. All cameras are in one film, side by side at the rate of the
-    fastest; with --each every camera has its own, at the times of its images.
+    Skeletons, and an ellipse in which each joint is with 95 %. Each person has a colour and, if there are several, a
+    number. Joints that are predicted, because fewer than two cameras see them, are hollow, and their bones dashed. All
+    cameras are in one film, side by side at the rate of the fastest; with --each every camera has its own, at the times
+    of its images.
 
     Example: fgpose overlay out/pose.parquet videos/ -o overlay.mp4
     """
 
-    file: Positional[Path]
+    file: Annotated[Positional[Path], arg(metavar="RESULT")]
     """The result: a trajectory file in any of the formats that fgpose writes."""
-    videos: Positional[Path]
+    videos: Annotated[Positional[Path], arg(metavar="VIDEOS")]
     """Folder with one video per camera (cam01.mp4), or one folder per camera with its images."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")] = Path("overlay.mp4")
     """The film, MP4 (H.264). With --each, NAME_CAMERA.mp4 of each camera."""
@@ -178,19 +186,21 @@ class Overlay(CameraChoice):
         wanted = _time_range(self.from_s, self.to_s)
         rig = self._rig()
         people, up_R_world = load_upright(self.file, self.world_up, rig)
-        sources = open_sources(self.videos, rig.turned(up_R_world), fps=self.fps, cameras=self.cameras)
+        # A result may be of some of the cameras that filmed.
+        cameras = self.cameras or (rig.names if self.rig is None else ())
+        sources = open_sources(self.videos, rig.turned(up_R_world), fps=self.fps, cameras=cameras)
         paths = [self.output.with_stem(f"{self.output.stem}_{name}") for name in sources.rig.names]
         paths = paths if self.each else [self.output]
         for path in paths:
             check_replaceable(path)
-        cameras = shown(sources, people)
+        views = shown(sources, people)
         skeleton = next(iter(people.values())).skeleton
         drawing = Drawing(skeleton, ellipses=self.ellipses, numbers=len(people) > 1)
         with progress_bar("drawing", "images") as progress:
             if self.each:
-                film_of_each(cameras, paths, drawing, wanted, self.width_px, progress)
+                film_of_each(views, paths, drawing, wanted, self.width_px, progress)
             else:
-                film_of_all(cameras, self.output, drawing, wanted, self.width_px or _GRID_WIDTH_PX, progress)
+                film_of_all(views, self.output, drawing, wanted, self.width_px or _GRID_WIDTH_PX, progress)
         print_written(new_console(), *paths)
 
     def _rig(self) -> CameraRig:

@@ -44,17 +44,21 @@ def read(path: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections,
     source = Provenance(path, camera)
     if path.suffix == ".csv":
         return deeplabcut.read(source, skeleton), "DeepLabCut"
-    document = _read_npz(source) if path.suffix == ".npz" else read_json(source)
-    format_name, reader = _reader(document, source)
+    document = read_document(source)
+    format_name, reader = reader_of(document, source)
     return reader(document, source, skeleton), format_name
 
 
-def _read_npz(source: Provenance) -> dict[str, np.ndarray]:
+def read_document(source: Provenance) -> Any:
+    """The JSON, or the arrays of an npz. Raises ValueError, which names the file, if it is damaged."""
+    if source.path.suffix != ".npz":
+        return read_json(source)
     with naming(source):
         return read_arrays(source.path)
 
 
-def _reader(document: Any, source: Provenance) -> tuple[str, Callable[[Any, Provenance, Skeleton], CameraDetections]]:
+def reader_of(document: Any, source: Provenance) -> tuple[str, Callable[[Any, Provenance, Skeleton], CameraDetections]]:
+    """The format of a document, and what reads it. Raises ValueError, which names the file, if it is of none."""
     first = document[0] if isinstance(document, list) and document else document
     if isinstance(document, list) and not document:
         return "COCO results", _read_coco
@@ -83,23 +87,19 @@ def _reader(document: Any, source: Provenance) -> tuple[str, Callable[[Any, Prov
 
 def _read_mmpose(document: dict[str, Any], source: Provenance, skeleton: Skeleton) -> CameraDetections:
     with naming(source):
-        _check_meta(document.get("meta_info"), skeleton)
+        check_joints(skeleton, *stated_joints(document.get("meta_info")))
     return _read_mmpose_frames(document["instance_info"], source, skeleton)
 
 
-def _check_meta(meta: Any, skeleton: Skeleton) -> None:
-    """Raise ValueError if MMPose says of the joints that they are others."""
+def stated_joints(meta: Any) -> tuple[list[str], str]:
+    """What MMPose says of the joints: their names, none where it does not say, and the data set."""
     if not isinstance(meta, Mapping):
-        return
+        return [], ""
     named, data_set = meta.get("keypoint_id2name"), meta.get("dataset_name")
     named = named if isinstance(named, Mapping) else {}
     names = [named.get(str(joint)) for joint in range(len(named))]
     known = all(isinstance(name, str) for name in names)
-    check_joints(
-        skeleton,
-        [str(name) for name in names] if known else [],
-        data_set if isinstance(data_set, str) else "",
-    )
+    return [str(name) for name in names] if known else [], data_set if isinstance(data_set, str) else ""
 
 
 def _read_mmpose_frames(document: Any, source: Provenance, skeleton: Skeleton) -> CameraDetections:

@@ -62,6 +62,15 @@ def read(source: Provenance, skeleton: Skeleton) -> CameraDetections:
     return found
 
 
+def body_parts(source: Provenance) -> tuple[str, ...]:
+    """The names of its joints. Raises ValueError as read."""
+    with naming(source, "not a table of DeepLabCut", damage=[csv.Error]):
+        rows = filter(None, csv.reader(text_lines(read_content(source.path))))
+        header = _header(list(islice(rows, len(_HEADER))))
+        first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
+    return tuple(dict.fromkeys(header["bodyparts"][first:]))
+
+
 def _header(rows: Sequence[list[str]]) -> dict[str, list[str]]:
     """The rows of the header by their names."""
     header = {row[0]: row for row in rows if row[0] in _HEADER}

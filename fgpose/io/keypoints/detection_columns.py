@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from fgpose.io.tables import COVARIANCE_COLUMNS, names, numbers, symmetric
+from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
 
 if TYPE_CHECKING:
@@ -71,9 +72,7 @@ def joint_indices(table: pa.Table, skeleton: Skeleton, *, may_lack: bool = False
         ValueError: one is not of the skeleton, or a row has none and may not lack it.
     """
     joints, index = names(table, "joint", may_lack=may_lack)
-    unknown = [joint for joint in joints if joint not in skeleton.joints]
-    if unknown:
-        raise ValueError(f"joint {', '.join(unknown)} is not one of skeleton {skeleton.name}")
+    check_names(joints, skeleton.joints, f"skeleton {skeleton.name} has no joint", "it has")
     return np.array([*(skeleton.index(joint) for joint in joints), -1], dtype=int)[index]
 
 

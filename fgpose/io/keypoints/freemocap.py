@@ -28,6 +28,11 @@ def camera_names(path: Path) -> tuple[str, ...]:
     return tuple(f"cam_{camera}" for camera in range(len(_array(path))))
 
 
+def stated_skeleton(path: Path) -> str | None:
+    """MediaPipe's, with hands and face or without; None of other points. Raises ValueError, which names the file."""
+    return "blazepose_33" if _array(path).shape[2] in (_MEDIAPIPE_BODY, *_MEDIAPIPE_WHOLE) else None
+
+
 def read(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:
     """The images of all cameras by the names of camera_names. All that is there has confidence 1; a third coordinate,
     which is no confidence, is not used.

@@ -43,6 +43,22 @@ def chosen_joints(skeleton: Skeleton, n_given: int) -> tuple[int, ...] | None:
     return tuple(names.index(joint) for joint in skeleton.joints)
 
 
+def skeletons_with(n_given: int) -> tuple[str, ...]:
+    """The built-in skeletons of so many joints; of a larger set that is known, the one that takes most of them."""
+    known = {name: load_skeleton(name) for name in builtin_skeletons()}
+    exact = tuple(name for name, skeleton in known.items() if skeleton.n_joints == n_given)
+    among = [name for name, skeleton in known.items() if chosen_joints(skeleton, n_given) is not None]
+    return exact or tuple(sorted(among, key=lambda name: -known[name].n_joints)[:1])
+
+
+def skeletons_named(names: Sequence[str], data_set: str = "") -> tuple[str, ...]:
+    """The built-in skeletons that have these joints at these places, or that a data set of MMPose has."""
+    if names:
+        return tuple(each for each in builtin_skeletons() if _is_of(each, names))
+    known = _SKELETON_OF_DATA_SET.get(plain_joint(data_set))
+    return () if known is None else (known,)
+
+
 def no_such_joints(skeleton: Skeleton, n_given: int = -1) -> str:
     """What to say where so many joints are not those of the skeleton."""
     said = f"skeleton {skeleton.name} has {skeleton.n_joints} joints"
@@ -51,7 +67,7 @@ def no_such_joints(skeleton: Skeleton, n_given: int = -1) -> str:
         lacking = ", ".join(joint for joint in skeleton.joints if joint not in joints)
         fitting = [each for each in builtin_skeletons() if chosen_joints(load_skeleton(each), n_given) is not None]
         return f"{said}. The {n_given} are {name}, without {lacking}: use --skeleton {fitting[0]}"
-    others = [name for name in builtin_skeletons() if load_skeleton(name).n_joints == n_given]
+    others = skeletons_with(n_given)
     return f"{said}. So many has {' or '.join(others)}" if others and n_given != skeleton.n_joints else said
 
 
@@ -73,7 +89,7 @@ def check_joints(skeleton: Skeleton, names: Sequence[str], data_set: str = "") -
     chosen = chosen_joints(skeleton, len(names))
     if not names or _fits(skeleton, names if chosen is None else [names[i] for i in chosen]):
         return
-    fitting = [each for each in builtin_skeletons() if each != skeleton.name and _is_of(each, names)]
+    fitting = [each for each in skeletons_named(names) if each != skeleton.name]
     said = f", of {data_set}" if data_set else ""
     remedy = f"give --skeleton {fitting[0]}" if fitting else "give a skeleton file with these joints in this order"
     raise ValueError(

@@ -20,6 +20,7 @@ from fgpose.io.keypoints.scores import as_confidences, without_zeros
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
 from fgpose.io.names import match_cameras
 from fgpose.io.skeletons import as_skeleton
+from fgpose.io.stated_skeleton import stated_skeleton
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
@@ -41,7 +42,7 @@ _MAX_SPARSE, _MAX_SPARSENESS = 1_000_000, 20
 def load_observations(
     path: str | Path,
     rig: CameraRig,
-    skeleton: str | Path | Skeleton,
+    skeleton: str | Path | Skeleton | None = None,
     *,
     fps: float | None = None,
     person: Person = "consistent",
@@ -68,7 +69,8 @@ def load_observations(
     Args:
         path: the folder or file.
         rig: the cameras; the result has them in this order.
-        skeleton: what the keypoints are: a built-in skeleton, a TOML file or a Skeleton.
+        skeleton: what the keypoints are: a built-in skeleton, a TOML file or a Skeleton; None: as the files say
+            (fgpose.io.stated_skeleton).
         fps: frames per second; needed for every format but our own, whose files contain times. Frame n is at n / fps.
         person: of several people, consistent takes the one who is seen most, as views and frames agree; a number
             takes that entry of every image; a region takes the person who is in it.
@@ -78,8 +80,8 @@ def load_observations(
 
     Raises:
         ValueError: a file is damaged or of no known format, formats are mixed, the keypoints do not fit the skeleton,
-            cameras of rig and keypoints differ, a file says that its joints are others, a confidence is impossible, fps
-            is missing. The message names file, camera, joint and frame.
+            cameras of rig and keypoints differ, a file says that its joints are others or says nothing of them, a
+            confidence is impossible, fps is missing. The message names file, camera, joint and frame.
         OSError: a file cannot be read.
 
     Warns:
@@ -102,7 +104,7 @@ def load_observations(
 def load_people(
     path: str | Path,
     rig: CameraRig,
-    skeleton: str | Path | Skeleton,
+    skeleton: str | Path | Skeleton | None = None,
     *,
     fps: float | None = None,
     points3d_frame: Points3dFrame = "camera",
@@ -128,7 +130,7 @@ def load_people(
 def load_recording(
     path: str | Path,
     rig: CameraRig,
-    skeleton: str | Path | Skeleton,
+    skeleton: str | Path | Skeleton | None = None,
     *,
     fps: float | None = None,
     points3d_frame: Points3dFrame = "camera",
@@ -144,14 +146,14 @@ def load_recording(
 def _read(
     path: Path,
     rig: CameraRig,
-    skeleton: str | Path | Skeleton,
+    skeleton: str | Path | Skeleton | None,
     fps: float | None,
     points3d_frame: Points3dFrame,
     points3d_unit: Points3dUnit,
     ignore_other_cameras: bool,
 ) -> Observations | PeopleObservations:
     """Everybody, or the one person whom save_observations wrote."""
-    skeleton = as_skeleton(skeleton)
+    skeleton = stated_skeleton(path) if skeleton is None else as_skeleton(skeleton)
     _check_options(path, fps, points3d_frame, points3d_unit)
     if (other := recognised(KeypointFormat, path)) is not None:
         return other.read(path, rig, skeleton)

@@ -17,8 +17,9 @@ from fgpose.io.keypoints.detection_columns import (
     repeated_row,
     require_columns,
 )
-from fgpose.io.keypoints.recording_files import is_parquet, is_recording
+from fgpose.io.keypoints.recording_files import SKELETON, is_parquet, is_recording, with_skeleton
 from fgpose.io.names import match_cameras
+from fgpose.io.skeleton_tables import skeleton_to_json
 from fgpose.io.tables import column_names, names, nullable, numbers, read_table, write_table
 from fgpose.observations import is_infinite, positive_definite
 from fgpose.people_observations import Detections, PeopleObservations
@@ -150,6 +151,7 @@ def _write_npz(images: _Images, skeleton: Skeleton, path: Path) -> None:
         {
             "camera_names": np.array(images.cameras),
             "joints": np.array(skeleton.joints),
+            SKELETON: np.array([skeleton_to_json(skeleton)]),
             "image_camera": images.camera.astype(np.int32),
             "image_time_s": images.time_s,
             "n_people": images.n_people.astype(np.int32),
@@ -207,7 +209,7 @@ def _write_parquet(images: _Images, skeleton: Skeleton, path: Path) -> None:
         "joint": pa.DictionaryArray.from_arrays(skeleton_joint, list(skeleton.joints)),
     }
     columns |= {name: column(values, joint) for name, values in detection_columns(images.arrays).items()}
-    write_table(path, pa.table(columns))
+    write_table(path, with_skeleton(pa.table(columns), skeleton))
 
 
 def _read_parquet(path: Path, skeleton: Skeleton) -> _Images:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,14 +20,25 @@ from fgpose.io.keypoints.detection_columns import (
     require_columns,
 )
 from fgpose.io.names import match_cameras
+from fgpose.io.skeleton_tables import skeleton_to_json
 from fgpose.io.tables import names, nullable, numbers, read_table, write_table
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SKELETON = "skeleton"
+"""Array of an npz, and key of the metadata of a parquet file, that say what the joints are."""
 _REQUIRED_ARRAYS = ("time_s", "points2d_px", "confidence", "camera_names", "joints")
 # Rows without a detection may be left out, but not nearly all.
 _MAX_CELLS_PER_ROW = 1000
+
+
+def with_skeleton(table: pa.Table, skeleton: Skeleton) -> pa.Table:
+    """The table with what its joints are in its metadata."""
+    return table.replace_schema_metadata({SKELETON: skeleton_to_json(skeleton)})
 
 
 def is_recording(path: Path) -> bool:
@@ -69,6 +80,7 @@ def save_observations(observations: Observations, path: str | Path) -> None:
 
     Parquet: one row per frame, camera and joint; columns frame (from 0), time_s, camera, joint, x_px, y_px, confidence
     and, with per-view 3D, x_m, y_m, z_m in the world frame, with covariance cov_xx_m2 to cov_zz_m2; null = missing.
+    Both hold the skeleton, as JSON.
 
     Raises:
         ValueError: the extension is neither .npz nor .parquet.
@@ -88,6 +100,7 @@ def _write_npz(observations: Observations, path: Path) -> None:
         "confidence": observations.confidence.astype(np.float32),
         "camera_names": np.array(observations.camera_names),
         "joints": np.array(observations.skeleton.joints),
+        SKELETON: np.array([skeleton_to_json(observations.skeleton)]),
     }
     if observations.points3d_m is not None:
         arrays["points3d_m"] = observations.points3d_m.astype(np.float32)
@@ -142,7 +155,7 @@ def _write_parquet(observations: Observations, path: Path) -> None:
     }
     arrays = observations.per_detection(lambda array: array)
     columns |= {name: nullable(values) for name, values in detection_columns(arrays).items()}
-    write_table(path, pa.table(columns))
+    write_table(path, with_skeleton(pa.table(columns), observations.skeleton))
 
 
 def _read_parquet(path: Path, skeleton: Skeleton) -> Observations:

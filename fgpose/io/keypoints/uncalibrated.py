@@ -31,7 +31,7 @@ _FILLED = 0.55
 
 def load_uncalibrated(
     path: str | Path,
-    skeleton: str | Path | Skeleton,
+    skeleton: str | Path | Skeleton | None = None,
     *,
     fps: float | None = None,
     points3d_unit: Points3dUnit = "mm",
@@ -46,7 +46,7 @@ def load_uncalibrated(
 
     Args:
         path: the folder or file.
-        skeleton: what the keypoints are.
+        skeleton: what the keypoints are; None: as they say.
         fps: frames per second, see load_people.
         points3d_unit: of per-view 3D.
         cameras: use only these, in this order.

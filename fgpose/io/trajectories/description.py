@@ -15,14 +15,14 @@ from jaxtyping import Float
 
 from fgpose.config import Config, config_from_dict, config_to_toml, parse_toml
 from fgpose.io.content import parse_json
-from fgpose.io.skeleton_tables import joint_indices, joint_names, skeleton_of, skeleton_table
+from fgpose.io.skeleton_tables import joint_indices, joint_names, skeleton_from_json, skeleton_to_json
 from fgpose.trajectory import Convergence, Status, Trajectory
 
 
 def describe(trajectory: Trajectory) -> dict[str, str]:
     """Texts from which described() restores all of a trajectory but its arrays over time: JSON, the config as TOML."""
     texts = {
-        "skeleton": json.dumps(skeleton_table(trajectory.skeleton)),
+        "skeleton": skeleton_to_json(trajectory.skeleton),
         "camera_names": json.dumps(trajectory.camera_names),
     }
     if trajectory.bone_lengths_m is not None:
@@ -47,7 +47,7 @@ def described(texts: dict[str, str]) -> dict[str, Any]:
     if missing:
         raise ValueError(f"its {' and '.join(missing)} are missing: it was not written by fgpose, or lost them since")
     readers = {
-        "skeleton": lambda text: skeleton_of(parse_json(text)),
+        "skeleton": skeleton_from_json,
         "camera_names": lambda text: joint_names(parse_json(text)),
         "bone_lengths_m": _lengths_from_json,
         "convergence": _convergence_or_none,

@@ -362,7 +362,7 @@ def test_view_opens_a_trajectory(with_rig: bool, folder: Path, tmp_path: Path, m
     options = ["--rig", str(folder / "Calib.toml")] if with_rig else []
     assert main(["view", str(tmp_path / "walk.parquet"), "--web", *options]) == 0
     assert Path(opened[1]).name == "walk.rrd"
-    assert opened[2:] == ["--bind", "127.0.0.1", "--web-viewer"]
+    assert opened[2:5] == ["--bind", "127.0.0.1", "--web-viewer"]
     assert not Path(opened[1]).exists()
 
 
@@ -507,6 +507,34 @@ def test_missing_package_is_one_line(
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     line = failure(["smooth", *source, "--output", str(tmp_path), "--formats", "c3d"], capsys)
     assert 'pip install "fgpose[c3d]"' in line
+
+
+@pytest.mark.filterwarnings("default:no .rrd file")
+@pytest.mark.parametrize("command", ["smooth", "track", "refine"])
+def test_without_rerun_all_else_is_written(
+    command: str, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main([command, *source, "--output", str(tmp_path)]) == 0
+    printed = capsys.readouterr()
+    lacking = "fgpose: warning: no .rrd file for the viewer is written: it needs Rerun, pip install 'fgpose[viewer]'\n"
+    assert printed.err.count(lacking) == 1
+    assert ".rrd" not in printed.out
+    assert {path.suffix for path in tmp_path.glob("*.*")} == {".parquet", ".trc"}
+    # What was asked for by name is not left out.
+    assert "needs Rerun" in failure([command, *source, "--output", str(tmp_path), "--formats", "trc", "rrd"], capsys)
+
+
+@pytest.mark.filterwarnings("default:no .rrd file")
+def test_the_demonstration_without_rerun(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main(["demo", "--output", str(tmp_path), "--frames", "6"]) == 0
+    printed = capsys.readouterr()
+    assert "needs Rerun" in printed.err
+    assert "rerun" not in printed.out
+    assert (tmp_path / "demo.parquet").is_file()
 
 
 def test_a_report_without_its_extra_is_one_line(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +41,7 @@ def source(keypoints: Path) -> list[str]:
     [
         (["--height", "178"], "--height: a stature is in metres: 1.78, not 178"),
         (["--height", "5"], "--height: a stature is from 0.7 to 2.5 metres, got 5"),
-        (["--distance", "cam1", "cam9", "4.2"], "--distance: there is no camera cam9, only cam1, cam2, cam3"),
+        (["--distance", "cam1", "cam9", "4.2"], "--distance: there is no camera cam9; there are cam1, cam2, cam3"),
         (["--distance", "cam1", "cam1", "4.2"], "two different cameras"),
         (["--distance", "cam1", "cam2", "4200"], "more than 0 and at most 100 metres"),
         (["--cameras", "cam1"], "one camera (cam1) cannot be calibrated; two are needed"),
@@ -149,13 +150,18 @@ def test_without_the_weights_of_a_network(
     assert not [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
 
 
-def test_what_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str], keypoints: Path) -> None:
+def test_what_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "empty").mkdir()
     line = failure(["calibrate", str(tmp_path / "empty"), "-o", str(tmp_path / "rig.toml")], capsys)
     assert "no keypoints" in line
     assert "nor is there a video" in line
     assert "no such file" in failure(["calibrate", str(tmp_path / "absent"), "-o", str(tmp_path / "rig.toml")], capsys)
-    assert "need --skeleton" in failure(["calibrate", str(keypoints), "-o", str(tmp_path / "rig.toml")], capsys)
+    (tmp_path / "mine").mkdir()
+    for camera in ("cam1", "cam2"):
+        images = [{"frame_id": 0, "instances": [{"keypoints": [[1, 2]] * 25, "keypoint_scores": [0.9] * 25}]}]
+        (tmp_path / "mine" / f"{camera}.json").write_text(json.dumps({"instance_info": images}))
+    line = failure(["calibrate", str(tmp_path / "mine"), "-o", str(tmp_path / "rig.toml")], capsys)
+    assert "give the skeleton (--skeleton): of 25 joints is body_25 or body_25b" in line
 
 
 def test_nobody_in_the_keypoints(tmp_path: Path, chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,8 @@ NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
     [
         (["smoth", "x"], "there is no command smoth; did you mean smooth? fgpose --help lists all"),
         (["zzz"], "there is no command zzz; fgpose --help lists all"),
+        (["--verson"], "there is no option --verson; did you mean --version? fgpose --help lists all"),
+        (["--frames", "3"], "a command comes before --frames; fgpose --help lists all"),
         (
             ["smooth", "x", *NEEDED, "--frame", "3", "--stric"],
             "there is no option --frame; did you mean --frames? there is no option --stric; did you mean --strict? "
@@ -25,16 +27,32 @@ NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
         ),
         (
             ["smooth", "x"],
-            "fgpose smooth needs --rig FILE and --skeleton NAME|FILE; fgpose smooth --help lists what there is",
+            "fgpose smooth needs --rig FILE; fgpose smooth --help lists what there is",
         ),
-        (["smooth", *NEEDED], "fgpose smooth needs PATH; fgpose smooth --help lists what there is"),
+        (
+            ["smooth", "--Rig", "x"],
+            "there is no option --Rig; did you mean --rig? fgpose smooth --help lists what there is",
+        ),
+        (
+            ["track", "--lag-s", "1", "x", *NEEDED],
+            "there is no option --lag-s; did you mean --online.lag-s? fgpose track --help lists what there is",
+        ),
+        (
+            ["track", "x", *NEEDED, "--online.lagg-s", "1"],
+            "there is no option --online.lagg-s; did you mean --online.lag-s? fgpose track --help-all lists what there "
+            "is",
+        ),
+        (["smooth", *NEEDED], "fgpose smooth needs KEYPOINTS; fgpose smooth --help lists what there is"),
+        (["smooth", "--frames", "3", *NEEDED, "--fps"], "--fps: a value is missing"),
+        (["overlay", "x"], "fgpose overlay needs VIDEOS; fgpose overlay --help lists what there is"),
         (["smooth", "x", "y", *NEEDED], "nothing is expected at y; fgpose smooth --help lists what there is"),
         (["smooth", "x", *NEEDED, "--fps", "fast"], "--fps fast: a number is needed"),
         (["smooth", "x", *NEEDED, "--frames", "1.5"], "--frames 1.5: a whole number is needed"),
         (["smooth", "x", *NEEDED, "--people", "two"], "--people two: choose auto, all or 1"),
         (["smooth", "x", "--rig"], "--rig: a value is missing"),
         (["models"], "fgpose models needs one of pull, list"),
-        (["models", "pul"], "fgpose models pul is none of pull, list"),
+        (["models", "pul"], "fgpose models pul is none of pull, list; did you mean pull?"),
+        (["models", "pull"], "fgpose models pull needs NAME; fgpose models pull --help lists what there is"),
     ],
 )
 def test_one_line_says_what_is_wrong(
@@ -69,8 +87,18 @@ def test_help_is_short_and_all_help_has_the_parameters(
     assert "--rig" in whole
 
 
-def test_without_arguments_the_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("arguments", [[], ["-h"], ["--help"], ["--help-all"]])
+def test_the_commands_are_listed_by_what_they_are_for_a_line_each(
+    arguments: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "78")  # of the documentation, narrower than a terminal
     with pytest.raises(SystemExit) as end:
-        main([])
+        main(arguments)
     assert end.value.code == 0
-    assert "smooth" in capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 78
+    assert not any("…" in line for line in lines)
+    groups = [line for line in lines if line.startswith("╭")]
+    assert groups[0].startswith("╭─ start here ─")
+    at = {name: next(n for n, line in enumerate(lines) if line.startswith(f"│ {name} ")) for name in ("demo", "smooth")}
+    assert lines.index(groups[0]) < at["demo"] < lines.index(groups[1]) < at["smooth"]

@@ -9,6 +9,7 @@ import shutil
 import sys
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from fgpose.io.live.record_files import MAGIC, as_record
 from fgpose.io.live.recordings import RecordedImage, images_document, start_document
 from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason
 from fgpose.io.skeletons import load_skeleton
+from fgpose.io.stated_skeleton import stated_skeleton
 from fgpose.io.studies.events import read_events
 from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people, save_trajectory
 from fgpose.io.trajectories.kinematics import load_angles, save_kinematics
@@ -270,6 +272,8 @@ def _read_keypoints(folder: Path) -> Observations:
     with warnings.catch_warnings():
         # What was changed to read them is said.
         warnings.simplefilter("ignore", UserWarning)
+        with suppress(ValueError):  # the files of these joints, which are nobody's, do not say what they are
+            stated_skeleton(folder)
         return load_observations(folder, rig(), STICK, fps=50.0)
 
 
@@ -512,6 +516,8 @@ def _read_lens(path: Path) -> CameraRig:
 
 
 def _read_recording(path: Path) -> Observations:
+    with suppress(ValueError):
+        stated_skeleton(path)
     return load_observations(path, rig(), STICK)
 
 

@@ -174,7 +174,7 @@ def changed(table: pa.Table, row: int, **values: Any) -> pa.Table:
         (lambda t: changed(t, 2, time_s=9.0), "camera {a}, image 1, person 0: an image needs one time"),
         (lambda t: changed(t, 0, time_s=None), "camera {a}, image 0, person nan: an image needs one time"),
         (lambda t: changed(t, 0, time_s=1 / 25), "camera {a}, image at 0.04 s: the camera has two images"),
-        (lambda t: changed(t, 2, joint="tail"), "joint tail is not one of skeleton stick"),
+        (lambda t: changed(t, 2, joint="tail"), "skeleton stick has no joint tail"),
         (lambda t: changed(t, 2, camera=None), "a row without a camera"),
         (lambda t: changed(t, 2, confidence=1.5), "camera {a}, image at 0.04 s, person 0, joint number 1: a conf"),
         (lambda t: changed(t, 2, x_m=np.inf), "image at 0.04 s, person 0, joint left_knee: a 3D coordinate"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from fgpose.trajectory import Status
 from fgpose.viewer.rerun.palette import person_colour
 
 if TYPE_CHECKING:
-    from tests.fgpose.conftest import SquaresScene
+    from tests.fgpose.conftest import SquaresNetwork, SquaresScene
 
 FPS = 20.0
 LATE_S = 0.13
@@ -114,6 +115,44 @@ def test_people_are_between_the_frames_of_their_trajectory_and_not_in_its_gaps(s
     assert moments.poses(1) == []
     assert len(moments.poses(2)) == 1
     assert moments.poses(3) == []
+
+
+def test_a_run_draws_its_own_film(
+    recorded: list[str],
+    squares: SquaresScene,
+    squares_network: SquaresNetwork,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of the frames and cameras that were estimated; the camera that began late is drawn at its own times."""
+    monkeypatch.setenv("FGPOSE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("fgpose.monocular.networks.open_network", lambda *arguments, **options: squares_network)
+    run = ["run", recorded[2], *recorded[3:], "-o", str(tmp_path / "out"), "--overlay"]
+    chosen = ["--frames", "12", "--cameras", "ring_0", "ring_1", "--formats", "parquet"]
+    assert main([*run, *chosen]) == 0
+    printed = capsys.readouterr()
+    path = tmp_path / "out" / "walk_overlay.mp4"
+    assert f"wrote {path}" in printed.out
+    assert "drawing" in printed.err
+    end_s = fgpose.load_trajectory(tmp_path / "out" / "walk.parquet").time_s[-1]
+    time_s, images = film(path)
+    np.testing.assert_allclose(time_s, np.arange(round(end_s * FPS) + 1) / FPS, atol=1e-4)
+    assert images[0].shape[1] == 1920
+    # Of each camera 958 of the 320 pixels, side by side with 4 between them.
+    for n, (camera, begin_px) in enumerate(zip(squares.rig.cameras[:2], (0.0, 962.0), strict=True)):
+        # The last image before the middle of the step, 0.425 s: of the camera that began late, its sixth.
+        taken_s = LATE_S + 5 / FPS if n else 8 / FPS
+        pelvis_px = 958 / 320 * camera.project(squares.positions_m(taken_s)[0])[0]
+        assert is_drawn(images[8], pelvis_px + np.array([begin_px, 0.0])), camera.name
+
+    monkeypatch.setitem(sys.modules, "av", None)
+    monkeypatch.setattr("fgpose.monocular.networks.open_network", None)  # no work is done
+    assert main([*run, *chosen]) == 2
+    assert capsys.readouterr().err == "fgpose: error: a film needs PyAV: pip install 'fgpose[overlay]'\n"
+    monkeypatch.undo()
+    assert main([*run, "--formats", "npz"]) == 2
+    assert "--overlay is drawn from the parquet file" in capsys.readouterr().err
 
 
 def test_what_is_missing_is_said_before_any_work(

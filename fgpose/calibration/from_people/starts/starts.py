@@ -19,6 +19,7 @@ from fgpose.calibration.from_people.starts.start_findings import about_clock, no
 from fgpose.calibration.from_people.starts.views import View
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
+from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
 
 # A pair whose shift moves further away from that of the whole rig has fallen into another gait cycle.
@@ -128,9 +129,7 @@ def _check(tracks: Sequence[Track], names: tuple[str, ...], given: Mapping[str, 
         raise ValueError(
             f"there is only {', '.join(names)}; at least two cameras must see the same person at the same time"
         )
-    unknown = [name for name in given if name not in names]
-    if unknown:
-        raise ValueError(f"a start is given for {', '.join(unknown)}; the cameras are {', '.join(names)}")
+    check_names(given, names, "a start is given for", "the cameras are")
     seeing = [track.camera for track in tracks if np.isfinite(track.points2d_px).any()]
     if len(seeing) < 2:
         who = f"only {seeing[0]} sees anybody" if seeing else "no camera sees anybody"
