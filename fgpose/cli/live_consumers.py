@@ -234,7 +234,7 @@ class Consumers:
         if self.page is not None:
             self.page.show_image(camera, picture_rgb, time_s)
         if self.viewer is not None:
-            self.viewer.show_image(camera, picture_rgb)
+            self.viewer.show_image(camera, picture_rgb, time_s)
 
 
 def _name(socket: KeypointSocket) -> str:

@@ -29,11 +29,13 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import LiveFrame
 from fgpose.live.link_distance import LinkDistance
+from fgpose.live.page.drawn_pictures import drawn_jpeg
 from fgpose.live.page.page_server import STATIC
 from fgpose.live.page.page_state import PageState
-from fgpose.live.page.pictures_with_people import PicturesWithPeople
+from fgpose.live.pictures_with_people import PicturesWithPeople
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import PartEndedError, Worker
+from fgpose.overlay.drawing import Drawing
 from fgpose.skeleton import Skeleton
 
 _STATE = "/state.json"
@@ -79,7 +81,9 @@ class StatusPage:
             raise ImportError('the status page needs waitress: pip install "fgpose[live]"')
         self._now_s, self._faults = now_s, faults
         self._state = PageState(rig, skeleton, up, replay)
-        self._pictures, self._names = PicturesWithPeople(rig, skeleton), rig.names
+        self._cameras = {camera.name: camera for camera in rig.cameras}
+        self._pictures = PicturesWithPeople(rig)
+        self._drawing = Drawing(skeleton, ellipses=False, numbers=True)
         self._html = resources.files("fgpose.live.page").joinpath("page.html").read_bytes()
         self._listening = _listen(host, port)
         self._address = host, int(self._listening.getsockname()[1])
@@ -111,8 +115,8 @@ class StatusPage:
         Raises:
             ValueError: the camera is unknown, or this is no picture.
         """
-        if camera not in self._names:
-            raise ValueError(f"no camera {camera}; the rig has {', '.join(self._names)}")
+        if camera not in self._cameras:
+            raise ValueError(f"no camera {camera}; the rig has {', '.join(self._cameras)}")
         if image_rgb.dtype != np.uint8 or image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or not image_rgb.size:
             raise ValueError(f"camera {camera}: a picture is (height, width, 3) of bytes, got {image_rgb.shape}")
         self._pictures.add_picture(camera, image_rgb, time_s)
@@ -178,7 +182,7 @@ class StatusPage:
     def _answer(self, connection: Connection) -> None:
         """First which paths there are, then the newest content of those that are asked for."""
         _send(connection, STATIC, self._html)
-        for path in (_STATE, *map(_picture_path, self._names)):
+        for path in (_STATE, *map(_picture_path, self._cameras)):
             _send(connection, path, b"")
         looks = StoppedTwice()
         while True:
@@ -191,7 +195,9 @@ class StatusPage:
     def _content(self, path: str) -> bytes:
         if path == _STATE:
             return self._state.to_json(self._now_s(), self._pictures.cameras, self._faults())
-        return self._pictures.jpeg(next(name for name in self._names if _picture_path(name) == path))
+        camera = next(camera for name, camera in self._cameras.items() if _picture_path(name) == path)
+        picture = self._pictures.newest(camera.name)
+        return b"" if picture is None else drawn_jpeg(picture, camera, self._drawing)
 
 
 def _send(connection: Connection, path: str, body: bytes) -> None:

@@ -113,7 +113,7 @@ def test_pictures_are_small_and_of_the_right_camera(page: StatusPage) -> None:
 
 def test_what_nobody_asks_for_is_not_made(page: StatusPage, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
-    monkeypatch.setattr(page._pictures, "jpeg", lambda camera: made.append(camera) or b"picture")
+    monkeypatch.setattr("fgpose.live.page.status_page.drawn_jpeg", lambda *picture: made.append(picture) or b"picture")
     picture = np.zeros((4, 4, 3), np.uint8)
     for _ in range(50):
         page.show_image("ring_3", picture)
