@@ -39,7 +39,9 @@ def bound(scene: BoardScene) -> tuple[np.ndarray, np.ndarray]:
     kinds = [LensKind(camera.lens, 4 if camera.lens == "fisheye" else 5) for camera in scene.rig.cameras]
     problem = BoardProblem(scene.sightings, kinds, np.full(scene.rig.n_cameras, NOISE_PX))
     poses = np.stack([camera.world_T_camera for camera in scene.rig.cameras])
-    truth = BoardBundle(poses, np.stack([numbers_of(camera) for camera in scene.rig.cameras]), scene.world_T_board)
+    truth = BoardBundle.on_time(
+        poses, np.stack([numbers_of(camera) for camera in scene.rig.cameras]), scene.world_T_board
+    )
     # The kernel takes 1 % of the normal errors for wrong: next to nothing of the information.
     covariance = about_centroid(problem.covariance(truth), scene.rig)
     variances = np.einsum("cici->ci", covariance)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fgpose.calibration.board.calibrate import CalibratedFromBoards
+    from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.clips import Clip
 
 _DESCRIBED = (
@@ -27,6 +28,10 @@ _LENS = "Of --board: the model of the lenses. auto: pinhole, or fisheye where th
 _ORIGIN = (
     "Of --board: where the world is. board: the board at the first moment, or at another with board@12.5, as it lies "
     "on the floor. camera: the first camera. level: at the first camera, z up as far as the cameras stand level."
+)
+_UNSYNCHRONISED = (
+    "Of --board: the videos began at different moments. The motion of the board tells when each did; that is said, "
+    "and not written into the rig."
 )
 
 
@@ -65,6 +70,7 @@ class BoardOptions:
     board: Annotated[str | None, arg(metavar="BOARD", help=_BOARD, help_behavior_hint="(default: none)")] = None
     lens: Annotated[Literal["auto", "pinhole", "fisheye"], arg(help=_LENS)] = "auto"
     origin: Annotated[str, arg(metavar="board|camera|level", help=_ORIGIN)] = "board"
+    unsynchronised: Annotated[bool, FlagCreatePairsOff, arg(help=_UNSYNCHRONISED)] = False
 
     def check_board(self) -> None:
         """Raise ValueError, before any work, for what cannot be."""
@@ -72,8 +78,8 @@ class BoardOptions:
         from fgpose.calibration.board.world import parse_origin
 
         if self.board is None:
-            if self.lens != "auto" or self.origin != "board":
-                raise ValueError("--lens and --origin are of a calibration with --board")
+            if self.lens != "auto" or self.origin != "board" or self.unsynchronised:
+                raise ValueError("--lens, --origin and --unsynchronised are of a calibration with --board")
             return
         load_board(self.board)
         parse_origin(self.origin)
@@ -90,11 +96,27 @@ class BoardOptions:
         known = None
         if intrinsics is not None:
             known = load_intrinsics(intrinsics, [clip.name for clip in clips], [clip.size_px for clip in clips])
+        if self.unsynchronised:
+            return self._carried(clips, known)
         with progress_bar("looking for boards", "images") as progress:
             sightings = boards_in(clips, load_board(self.board), progress=progress)
         with progress_bar("calibrating", "steps") as progress:
             return calibrate_from_boards(
                 sightings, intrinsics=known, lens=self.lens, origin=parse_origin(self.origin), progress=progress
+            )
+
+    def _carried(self, clips: Sequence[Clip], known: CameraRig | None) -> CalibratedFromBoards:
+        """Of cameras that were started by hand."""
+        from fgpose.calibration.board.board import load_board
+        from fgpose.calibration.board.starts.carried import calibrate_carried, carried_in
+        from fgpose.calibration.board.world import parse_origin
+
+        assert self.board is not None
+        with progress_bar("looking for boards", "images") as progress:
+            carried = carried_in(clips, load_board(self.board), known, progress=progress)
+        with progress_bar("calibrating", "steps") as progress:
+            return calibrate_carried(
+                carried, intrinsics=known, lens=self.lens, origin=parse_origin(self.origin), progress=progress
             )
 
 

@@ -115,11 +115,13 @@ class Consumers:
         skeleton: Skeleton,
         config: Config,
         began_s: float | None = None,
+        replay: str = "",
     ) -> None:
         """Open all that the options want, before any work; the stack closes it.
 
         Args:
             began_s: when the frames begin, Unix time; None: now.
+            replay: name of the recording that is run again.
         """
         from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
         from fgpose.live.page.status_page import StatusPage
@@ -130,7 +132,16 @@ class Consumers:
         if self.who is None:
             warn_if_others_reach(options.inputs_host, "--inputs-host", "the inputs (keypoints, poses of the robot)")
         if options.page is not None:
-            page = StatusPage(rig, skeleton, options.page, options.host, faults=self._faults, parts=parts)
+            page = StatusPage(
+                rig,
+                skeleton,
+                options.page,
+                options.host,
+                now_s=self.clock.now_s,
+                faults=self._faults,
+                parts=parts,
+                replay=replay,
+            )
             self.page = stack.enter_context(page)
             console.print(f"status page: {self.page.url}", soft_wrap=True)
         if options.distances is not None:
@@ -218,12 +229,12 @@ class Consumers:
             faults[state.name] = state.fault
         return faults
 
-    def show_image(self, camera: str, picture_rgb: np.ndarray) -> None:
-        """Show a picture of a camera where pictures are shown."""
+    def show_image(self, camera: str, picture_rgb: np.ndarray, time_s: float) -> None:
+        """Show a picture of a camera, taken at this Unix time, where pictures are shown."""
         if self.page is not None:
-            self.page.show_image(camera, picture_rgb)
+            self.page.show_image(camera, picture_rgb, time_s)
         if self.viewer is not None:
-            self.viewer.show_image(camera, picture_rgb)
+            self.viewer.show_image(camera, picture_rgb, time_s)
 
 
 def _name(socket: KeypointSocket) -> str:

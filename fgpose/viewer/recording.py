@@ -255,6 +255,20 @@ class CameraSaid:
 
 
 @dataclass(frozen=True, eq=False)
+class SystemPicture:
+    """A picture of a camera, with who was in it."""
+
+    image_rgb: np.ndarray
+    """(H, W, 3) uint8, perhaps scaled down."""
+    time_s: float
+    """When it was taken, Unix time; it is not newer than the moment with which it comes."""
+    people: Sequence[Tracked]
+    """At that time."""
+    detections: Detections | None = None
+    """What was found in it; None: it was not used."""
+
+
+@dataclass(frozen=True, eq=False)
 class SystemState:
     """What a live system says at one time."""
 
@@ -263,8 +277,9 @@ class SystemState:
     people: Sequence[Tracked]
     images: Sequence[Detections] = ()
     """That are new; at most one of each camera. Cameras without one stay as they were."""
-    pictures: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(H, W, 3) RGB uint8 by the camera; perhaps scaled down."""
+    pictures: Mapping[str, SystemPicture] = field(default_factory=dict)
+    """That are new, by the camera. As long as a camera has pictures, the points in its image are those of its last
+    one."""
     events: Sequence[TrackEvent] = ()
     """Since the moment before."""
     cameras: Mapping[str, CameraSaid] = field(default_factory=dict)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from fgpose.calibration.board.board import Board
 from fgpose.calibration.board.lens import image_of, numbers_of
 from fgpose.calibration.board.sightings import MIN_POINTS, BoardSightings
+from fgpose.calibration.board.starts.tracks import BoardTrack
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.lens import LensModel
 from fgpose_benchmarks.synthetic.rig import ring_rig
@@ -83,6 +85,87 @@ def simulate_boards(
     sizes = tuple(camera.size_px for camera in rig.cameras)
     sightings = BoardSightings(board, rig.names, sizes, np.flatnonzero(kept) * 1.0, points_px[kept])
     return BoardScene(rig, poses[kept], sightings)
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedScene:
+    """What is true, and what cameras that were started by hand saw of a board on its way."""
+
+    rig: CameraRig
+    start_s: Float[np.ndarray, " camera"]
+    """When the cameras began, after the first."""
+    tracks: tuple[BoardTrack, ...]
+
+
+def simulate_carried(
+    start_s: Sequence[float],
+    seed: int = 0,
+    *,
+    noise_px: float = 0.2,
+    n_common: int = 24,
+    n_near: int = 9,
+    fps: float = 25.0,
+    speed_m_s: float = 0.8,
+    hold_s: float = 0.5,
+    board: Board = BOARD,
+) -> CarriedScene:
+    """A board that is carried from place to place, as in simulate_boards, and held still in each.
+
+    Args:
+        start_s: when each camera begins, seconds; the way begins at 0.
+        seed: of everything.
+        noise_px: standard deviation of each coordinate of a corner.
+        n_common: places in the middle of the ring.
+        n_near: places before each camera.
+        fps: images per second of each camera; their phases differ as their starts do.
+        speed_m_s: on the way, on average; a turn of a radian counts as half a metre.
+        hold_s: for which it is held in each place.
+        board: which one.
+    """
+    rng = np.random.default_rng(seed)
+    rig = board_rig(len(start_s), rng)
+    near, common = _near(rig, n_near, board, rng), _common(rig, n_common, board, rng)
+    # All places before one pair of cameras after each other, so that both see it on its way.
+    before_pairs = [common[number] for c in range(rig.n_cameras) for number in range(c, n_common, rig.n_cameras)]
+    places = np.stack([_on_floor(board), *before_pairs, *near])
+    way = Way(places, board, speed_m_s, hold_s)
+    tracks = []
+    for camera, own_start_s in zip(rig.cameras, start_s, strict=True):
+        alone = CameraRig((camera,))
+        time_s = np.arange(0.0, way.end_s - own_start_s, 1 / fps)
+        points_px = np.stack([seen_px(alone, way.pose(at_s + own_start_s), board)[0] for at_s in time_s.tolist()])
+        points_px += rng.normal(0, noise_px, points_px.shape)
+        tracks.append(BoardTrack(camera.name, camera.size_px, time_s, points_px))
+    return CarriedScene(rig, np.array(start_s) - start_s[0], tuple(tracks))
+
+
+class Way:
+    """From place to place, without jerks."""
+
+    def __init__(self, places: Float[np.ndarray, "place 4 4"], board: Board, speed_m_s: float, hold_s: float) -> None:
+        middle = board.points_m.mean(axis=0)
+        self._middle = middle
+        self._middles_m = places[:, :3, :3] @ middle + places[:, :3, 3]
+        self._turns = Rotation.from_matrix(places[:, :3, :3])
+        turned = (self._turns[:-1].inv() * self._turns[1:]).magnitude()
+        moved_m = np.hypot(np.linalg.norm(np.diff(self._middles_m, axis=0), axis=1), 0.5 * turned)
+        self._begin_s = np.append(0.0, np.cumsum(moved_m / speed_m_s + hold_s))
+        self._hold_s = hold_s
+        self.end_s = float(self._begin_s[-1] + hold_s)
+
+    def pose(self, at_s: float) -> Float[np.ndarray, "4 4"]:
+        """world_T_board; before the way it lies where that begins."""
+        place = int(np.clip(np.searchsorted(self._begin_s, at_s, side="right") - 1, 0, len(self._begin_s) - 2))
+        left_s, arrives_s = self._begin_s[place] + self._hold_s, self._begin_s[place + 1]
+        share = float(np.clip((at_s - left_s) / (arrives_s - left_s), 0.0, 1.0))
+        # Speed and acceleration are zero at both ends.
+        share = share**3 * (10 - 15 * share + 6 * share**2)
+        turn = (self._turns[place].inv() * self._turns[place + 1]).as_rotvec()
+        R = (self._turns[place] * Rotation.from_rotvec(share * turn)).as_matrix()
+        middle_m = (1 - share) * self._middles_m[place] + share * self._middles_m[place + 1]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = R, middle_m - R @ self._middle
+        return pose
 
 
 def seen_px(

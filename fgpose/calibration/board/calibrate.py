@@ -46,6 +46,8 @@ class CalibratedFromBoards:
     """Root mean square of the reprojection errors where the poses of the boards fit the camera alone."""
     links: Int[np.ndarray, "camera camera"]
     """Moments at which two cameras both see the board."""
+    start_s: Float[np.ndarray, " camera"] | None
+    """When each camera began after the first, seconds; None: they have one clock."""
     lenses: tuple[str, ...]
     """Which numbers of each lens were estimated, as "pinhole, k1 k2"."""
     world: str
@@ -164,10 +166,18 @@ def _judged(adjusted: AdjustedBoards, fitted: Sequence[FittedLens], origin: Worl
         residual_px=residual_px,
         alone_px=alone_px,
         links=links,
+        start_s=None if sightings.start_s is None else _starts_s(sightings.start_s, bundle.late_s),
         lenses=tuple("as given" if kind.held else kind.text for kind in adjusted.kinds),
         world=said,
         findings=findings(inputs),
     )
+
+
+def _starts_s(
+    taken_s: Float[np.ndarray, " camera"], late_s: Float[np.ndarray, " camera"]
+) -> Float[np.ndarray, " camera"]:
+    """After the first camera."""
+    return taken_s - taken_s[0] + late_s - late_s[0]
 
 
 def linked(sightings: BoardSightings) -> Int[np.ndarray, "camera camera"]:

@@ -27,7 +27,7 @@ _STILL = 0.005  # of the diagonal of the image: a board that has moved by less i
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class BoardView:
     """The board in one image."""
 
     points_px: Float[np.ndarray, "point 2"]
@@ -90,7 +90,7 @@ def boards_in(
 
     # OpenCV works without the interpreter's lock.
     with ThreadPoolExecutor() as pool:
-        jobs = [pool.submit(_of_clip, clip, images[:, c], board, seen) for c, clip in enumerate(clips)]
+        jobs = [pool.submit(views_in, clip, images[:, c], board, seen) for c, clip in enumerate(clips)]
         views = [job.result() for job in jobs]
     never = [clip.name for clip, own in zip(clips, views, strict=True) if not any(own)]
     if never:
@@ -116,13 +116,17 @@ def _moments(times_s: Sequence[Float[np.ndarray, " image"]]) -> tuple[np.ndarray
     return moments_s, images
 
 
-def _of_clip(
+def views_in(
     clip: Clip, numbers: Int[np.ndarray, " moment"], board: Board, seen: Callable[[object], None]
-) -> list[_View | None]:
-    """What one camera saw at the moments."""
+) -> list[BoardView | None]:
+    """What one camera saw in these images, -1: none, of which each is looked at once; seen is called for each.
+
+    Raises:
+        ValueError: an image cannot be read, or has another size; the message names it.
+    """
     detector = detector_of(board)
     wanted = [number for number in dict.fromkeys(numbers.tolist()) if number >= 0]
-    found: dict[int, _View | None] = {}
+    found: dict[int, BoardView | None] = {}
     for number, image in clip.images_one_by_one(wanted):
         if image.shape[:2] != clip.size_px[::-1]:
             raise ValueError(f"{clip.path}, image {number}: its size is not that of the first image")
@@ -131,41 +135,49 @@ def _of_clip(
     return [found.get(number) for number in numbers.tolist()]
 
 
-def _view(detector: Detector, image: Image) -> _View | None:
+def _view(detector: Detector, image: Image) -> BoardView | None:
     import cv2
 
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     points_px = detector.find(grey)
-    return None if points_px is None else _View(points_px, blur_px(grey, points_px))
+    return None if points_px is None else BoardView(points_px, blur_px(grey, points_px))
 
 
 def _used(
     clips: Sequence[Clip],
     board: Board,
     moments_s: Float[np.ndarray, " moment"],
-    views: Sequence[Sequence[_View | None]],
+    views: Sequence[Sequence[BoardView | None]],
 ) -> BoardSightings:
     """The sharp views, at moments that show something new."""
     points_px = np.full((len(moments_s), len(clips), board.n_points, 2), np.nan)
     reasons = list[LeftOut]()
     for c, (clip, own) in enumerate(zip(clips, views, strict=True)):
-        limit_px = _sharp_px([view for view in own if view is not None])
+        limit_px = sharp_px([view for view in own if view is not None])
         for t, view in enumerate(own):
             if view is None:
                 continue
             if view.blur_px <= limit_px:
                 points_px[t, c] = view.points_px
             else:
-                blurred = f"it is blurred: edges of {view.blur_px:.1f} px, {limit_px:.1f} are allowed"
-                reasons.append(LeftOut(clip.name, float(moments_s[t]), blurred))
+                reasons.append(LeftOut(clip.name, float(moments_s[t]), blurred(view, limit_px)))
     sizes_px = tuple(clip.size_px for clip in clips)
-    new = _new(points_px, np.array([np.hypot(*size) for size in sizes_px]))
-    few = new[spread_evenly(len(new), _MOST_USED)]
     names = tuple(clip.name for clip in clips)
-    return BoardSightings(board, names, sizes_px, moments_s[few], points_px[few], tuple(reasons))
+    return few_new(BoardSightings(board, names, sizes_px, moments_s, points_px, tuple(reasons)))
 
 
-def _sharp_px(views: Sequence[_View]) -> float:
+def few_new(sightings: BoardSightings) -> BoardSightings:
+    """At 120 moments at most, evenly spread over those that show something new."""
+    new = _new(sightings.points_px, np.array([np.hypot(*size) for size in sightings.sizes_px]))
+    return sightings.at_moments(new[spread_evenly(len(new), _MOST_USED)])
+
+
+def blurred(view: BoardView, limit_px: float) -> str:
+    """Why a view is not used."""
+    return f"it is blurred: edges of {view.blur_px:.1f} px, {limit_px:.1f} are allowed"
+
+
+def sharp_px(views: Sequence[BoardView]) -> float:
     """Of a camera the widest edges that are sharp."""
     return max(_BLURRED * float(np.quantile([view.blur_px for view in views], 0.25)), _BLURRED_PX)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,14 @@ from jaxtyping import Float
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.lens import LensModel
 
-N_OF_LENS = 9
-"""fx, fy, cx, cy (pixels), then k1, k2, p1, p2, k3 of the pinhole model or k1 to k4 of fisheye."""
-_N_COEFFICIENTS = {"pinhole": 5, "fisheye": 4}
+N_OF_LENS = 12
+"""fx, fy, cx, cy (pixels), then k1, k2, p1, p2, k3 to k6 of the pinhole model or k1 to k4 of fisheye."""
+N_COEFFICIENTS: Mapping[LensModel, int] = {"pinhole": 8, "fisheye": 4}
+_NAMES: Mapping[LensModel, tuple[str, ...]] = {
+    "pinhole": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "fisheye": ("k1", "k2", "k3", "k4"),
+}
+_SIZES = (0, 4, 5, 8)  # of the coefficients of a pinhole camera
 
 
 @dataclass(frozen=True)
@@ -22,7 +27,7 @@ class LensKind:
 
     model: LensModel = "pinhole"
     n_distortion: int = 5
-    """The first so many coefficients: 0, 1, 2, 4 or 5 of pinhole, 4 of fisheye."""
+    """The first so many coefficients: 0, 1, 2, 4, 5 or 8 (the rational model) of pinhole, 4 of fisheye."""
     centre: bool = True
     """Whether the principal point is free, or the middle of the image."""
     square: bool = True
@@ -31,7 +36,7 @@ class LensKind:
     """Nothing is free: the lens is as given."""
 
     @property
-    def columns(self) -> Float[np.ndarray, "9 free"]:
+    def columns(self) -> Float[np.ndarray, "12 free"]:
         """Changes of a lens by its free numbers: log of the focal length(s), principal point as a share of the focal
         length, coefficients."""
         rows = [] if self.held else [[0, 1]] if self.square else [[0], [1]]
@@ -46,12 +51,11 @@ class LensKind:
     @property
     def text(self) -> str:
         """As "pinhole, k1 k2 p1 p2"."""
-        names = ["k1", "k2", "k3", "k4"] if self.model == "fisheye" else ["k1", "k2", "p1", "p2", "k3"]
-        told = " ".join(names[: self.n_distortion]) or "no distortion"
+        told = " ".join(_NAMES[self.model][: self.n_distortion]) or "no distortion"
         return f"{self.model}, {told}" + ("" if self.square else ", two focal lengths")
 
 
-def moved_lens(lens: Float[np.ndarray, " 9"], change: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 9"]:
+def moved_lens(lens: Float[np.ndarray, " 12"], change: Float[np.ndarray, " 12"]) -> Float[np.ndarray, " 12"]:
     """After a change as of LensKind.columns."""
     focal_px = np.sqrt(lens[0] * lens[1])
     moved = lens + change
@@ -60,12 +64,12 @@ def moved_lens(lens: Float[np.ndarray, " 9"], change: Float[np.ndarray, " 9"]) -
 
 
 def image_of(
-    points_m: Float[np.ndarray, "point 3"], lens: Float[np.ndarray, " 9"], model: LensModel
-) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2 3"], Float[np.ndarray, "point 2 9"]]:
+    points_m: Float[np.ndarray, "point 3"], lens: Float[np.ndarray, " 12"], model: LensModel
+) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2 3"], Float[np.ndarray, "point 2 12"]]:
     """Pixels of points in the frame of the camera, and their Jacobians by the points and by changes of the lens."""
     import cv2
 
-    K, coefficients = matrix_of(lens), lens[4 : 4 + _N_COEFFICIENTS[model]]
+    K, coefficients = matrix_of(lens), lens[4 : 4 + N_COEFFICIENTS[model]]
     zero, n = np.zeros(3), len(points_m)
     if not n:
         return np.zeros((0, 2)), np.zeros((0, 2, 3)), np.zeros((0, 2, N_OF_LENS))
@@ -86,29 +90,27 @@ def image_of(
     return image.reshape(n, 2), by_point, by_lens
 
 
-def matrix_of(lens: Float[np.ndarray, " 9"]) -> Float[np.ndarray, "3 3"]:
+def matrix_of(lens: Float[np.ndarray, " 12"]) -> Float[np.ndarray, "3 3"]:
     """K."""
     return np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
 
 
-def numbers_of(camera: Camera) -> Float[np.ndarray, " 9"]:
-    """Of a camera that is known. Raises ValueError if its lens has more coefficients than are known here."""
-    n = _N_COEFFICIENTS[camera.lens]
-    if camera.distortion[n:].any():
-        raise ValueError(f"camera {camera.name}: a lens with {camera.distortion.size} coefficients cannot be held")
+def numbers_of(camera: Camera) -> Float[np.ndarray, " 12"]:
+    """Of a camera that is known."""
     K, numbers = camera.K, np.zeros(N_OF_LENS)
     numbers[:4] = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-    numbers[4 : 4 + len(camera.distortion[:n])] = camera.distortion[:n]
+    numbers[4 : 4 + camera.distortion.size] = camera.distortion
     return numbers
 
 
 def camera_of(
     name: str,
     size_px: Sequence[int],
-    lens: Float[np.ndarray, " 9"],
+    lens: Float[np.ndarray, " 12"],
     kind: LensKind,
     world_T_camera: Float[np.ndarray, "4 4"],
 ) -> Camera:
     """The camera with these numbers."""
-    n = 4 if kind.model == "fisheye" else 0 if not lens[4:].any() else 4 if not lens[8] else 5
+    n_used = int(np.flatnonzero(lens[4:]).max(initial=-1)) + 1
+    n = 4 if kind.model == "fisheye" else next(size for size in _SIZES if size >= n_used)
     return Camera(name, (size_px[0], size_px[1]), matrix_of(lens), world_T_camera, lens[4 : 4 + n], kind.model)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.board.adjusting import AdjustedBoards, adjust, again_without, wrong_views
-from fgpose.calibration.board.lens import N_OF_LENS, LensKind, matrix_of, numbers_of
+from fgpose.calibration.board.lens import N_COEFFICIENTS, N_OF_LENS, LensKind, matrix_of, numbers_of
 from fgpose.calibration.board.problem import BoardBundle
 from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.geometry.camera import Camera
@@ -49,7 +49,7 @@ class FittedLens:
     """A lens with the poses of the boards before it."""
 
     kind: LensKind
-    numbers: Float[np.ndarray, " 9"]
+    numbers: Float[np.ndarray, " 12"]
     sightings: BoardSightings
     """Of this camera, without the views that are wrong."""
     camera_T_board: Float[np.ndarray, "moment 4 4"]
@@ -77,7 +77,7 @@ def fit_lens(sightings: BoardSightings, choice: LensChoice = "auto") -> FittedLe
 def held_lens(sightings: BoardSightings, camera: Camera) -> FittedLens:
     """The poses of the boards before a lens that is known."""
     numbers, kind = numbers_of(camera), LensKind(camera.lens, held=True)
-    poses = np.stack([_pose(sightings, t, numbers, camera.lens)[0] for t in range(len(sightings.time_s))])
+    poses = np.stack([board_pose(sightings, t, numbers, camera.lens)[0] for t in range(len(sightings.time_s))])
     adjusted = adjust(sightings, [kind], _alone(numbers, poses))
     return _without_wrong_views(adjusted)
 
@@ -104,25 +104,25 @@ def _start(sightings: BoardSightings, model: LensModel) -> BoardBundle:
         focal_px = share * max(width, height)
         return np.array([focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, *np.zeros(N_OF_LENS - 4)])
 
-    errors = [np.median([_pose(sightings, t, lens(share), model)[1] for t in tried]) for share in _FOCAL_SHARES]
+    errors = [np.median([board_pose(sightings, t, lens(share), model)[1] for t in tried]) for share in _FOCAL_SHARES]
     numbers = lens(_FOCAL_SHARES[int(np.argmin(errors))])
-    poses = np.stack([_pose(sightings, t, numbers, model)[0] for t in range(n_views)])
+    poses = np.stack([board_pose(sightings, t, numbers, model)[0] for t in range(n_views)])
     return _alone(numbers, poses)
 
 
-def _alone(numbers: Float[np.ndarray, " 9"], poses: Float[np.ndarray, "moment 4 4"]) -> BoardBundle:
+def _alone(numbers: Float[np.ndarray, " 12"], poses: Float[np.ndarray, "moment 4 4"]) -> BoardBundle:
     """The world is the camera."""
-    return BoardBundle(np.eye(4)[None], numbers[None], poses)
+    return BoardBundle.on_time(np.eye(4)[None], numbers[None], poses)
 
 
-def _pose(
-    sightings: BoardSightings, t: int, numbers: Float[np.ndarray, " 9"], model: LensModel
+def board_pose(
+    sightings: BoardSightings, t: int, numbers: Float[np.ndarray, " 12"], model: LensModel
 ) -> tuple[Float[np.ndarray, "4 4"], float]:
     """Of the board before a camera at a moment, by Collins and Bartoli's method for planes; and its reprojection error
     in pixels."""
     import cv2
 
-    K, coefficients = matrix_of(numbers), numbers[4 : 8 if model == "fisheye" else 9]
+    K, coefficients = matrix_of(numbers), numbers[4 : 4 + N_COEFFICIENTS[model]]
     points_px = without_distortion(sightings.points_px[t, 0], K, coefficients, model)
     known = np.isfinite(points_px).all(axis=1)
     board_m = sightings.board.points_m

@@ -44,11 +44,12 @@ def place(sightings: BoardSightings, lenses: Sequence[FittedLens]) -> BoardBundl
             links[b, a], relative[b, a] = links[a, b], inverse(relative[a, b])
     world_T_camera = _chained(links, relative, sightings.camera_names)
     numbers = np.stack([lens.numbers for lens in lenses])
-    return BoardBundle(world_T_camera, numbers, _boards(sightings, lenses, world_T_camera, poses))
+    return BoardBundle.on_time(world_T_camera, numbers, _boards(sightings, lenses, world_T_camera, poses))
 
 
-def strongest_tree(links: Int[np.ndarray, "camera camera"]) -> csr_matrix:
-    """Of the links of pairs of cameras, by moments, those of the strongest tree; zero elsewhere."""
+def strongest_tree(links: Int[np.ndarray, "camera camera"] | Float[np.ndarray, "camera camera"]) -> csr_matrix:
+    """Of the links of pairs of cameras, by moments or whatever says how strong they are, those of the strongest tree;
+    zero elsewhere."""
     from scipy.sparse.csgraph import minimum_spanning_tree
 
     return minimum_spanning_tree(np.divide(1.0, links, out=np.zeros(links.shape), where=links > 0))
@@ -114,7 +115,7 @@ def _boards(
     for c in range(len(lenses)):
         known = np.isfinite(by_camera[:, c, 0, 0])
         boards = np.where(known[:, None, None], by_camera[:, c], np.eye(4))
-        residual_px = problem.residual_px(BoardBundle(world_T_camera, numbers, boards))
+        residual_px = problem.residual_px(BoardBundle.on_time(world_T_camera, numbers, boards))
         total = np.nansum(np.linalg.norm(residual_px, axis=-1), axis=(1, 2))
         errors[known, c] = total[known]
     return by_camera[np.arange(len(poses)), np.argmin(errors, axis=1)]

@@ -1,7 +1,8 @@
 """The bundle adjustment of cameras and boards: reprojection errors, their Jacobians, and the normal equations.
 
-The pose of the first camera is held, which fixes the gauge. Changes of a pose are a rotation vector (radians) and a
-translation (metres) in its own frame. Boards are eliminated by the Schur complement.
+The pose of the first camera is held, which fixes the gauge, and so is its clock. The clocks of the others are free
+where the sightings say how fast corners move. Changes of a pose are a rotation vector (radians) and a translation
+(metres) in its own frame. Boards are eliminated by the Schur complement.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
 from fgpose_factors.kernels import robust_loss, robust_weight
 
-N_OF_CAMERA = 6 + N_OF_LENS
-POSE, LENS = slice(0, 6), slice(6, N_OF_CAMERA)
+N_OF_CAMERA = 6 + N_OF_LENS + 1
+POSE, LENS, CLOCK = slice(0, 6), slice(6, 6 + N_OF_LENS), 6 + N_OF_LENS
 # A corner that is wrong is off by many pixels. Of errors that are normal, 1 % are beyond this.
 _KERNEL, _KERNEL_SCALE = "huber", 3.0
 _STEP_TOLERANCE_M = 1e-6  # a hundredth of the standard deviation of a good calibration
 _MAX_ITERATIONS = 100
 _MIN_DEPTH_M = 1e-3
 _BEHIND_PX = 1e4  # residual of a corner behind its camera
+_CARRIED_M_S = 0.3  # about as fast as a board is: in a second of a clock it moves by so much
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +36,19 @@ class BoardBundle:
     """A state of the adjustment."""
 
     world_T_camera: Float[np.ndarray, "camera 4 4"]
-    lenses: Float[np.ndarray, "camera 9"]
+    lenses: Float[np.ndarray, "camera 12"]
     world_T_board: Float[np.ndarray, "moment 4 4"]
+    late_s: Float[np.ndarray, " camera"]
+    """How much later than the sightings say each camera saw them."""
+
+    @staticmethod
+    def on_time(
+        world_T_camera: Float[np.ndarray, "camera 4 4"],
+        lenses: Float[np.ndarray, "camera 12"],
+        world_T_board: Float[np.ndarray, "moment 4 4"],
+    ) -> BoardBundle:
+        """With the times of the sightings."""
+        return BoardBundle(world_T_camera, lenses, world_T_board, np.zeros(len(world_T_camera)))
 
 
 class _Image(NamedTuple):
@@ -45,7 +58,7 @@ class _Image(NamedTuple):
     """NaN where a corner is not seen."""
     by_point: Float[np.ndarray, "moment camera point 2 3"]
     """Jacobian by the point in the frame of the camera."""
-    by_lens: Float[np.ndarray, "moment camera point 2 9"]
+    by_lens: Float[np.ndarray, "moment camera point 2 12"]
     points_m: Float[np.ndarray, "moment camera point 3"]
     """In the frame of the camera."""
 
@@ -83,8 +96,8 @@ class BoardProblem:
         self._sightings, self._kinds = sightings, tuple(kinds)
         self.sigma_px = sigma_px
         self._points_m = sightings.board.points_m
-        self._seen = sightings.seen
-        self.columns = _columns(self._kinds)
+        self._seen, self._velocity_px_s = sightings.seen, sightings.velocity_px_s
+        self.columns = _columns(self._kinds, has_clocks=self._velocity_px_s is not None)
         self._last: tuple[BoardBundle, _Image] | None = None
 
     @property
@@ -111,7 +124,7 @@ class BoardProblem:
     @property
     def damping_scale(self) -> Float[np.ndarray, " unknown"]:
         of_pose = np.repeat([DISTANCE_M**2, 1.0], 3)
-        of_camera = np.append(of_pose, np.full(N_OF_LENS, DISTANCE_M**2))
+        of_camera = np.concatenate([of_pose, np.full(N_OF_LENS, DISTANCE_M**2), [_CARRIED_M_S**2]])
         shared = np.max(np.tile(of_camera, len(self._kinds))[:, None] * self.columns, axis=0, initial=0.0)
         return np.append(shared, np.tile(of_pose, len(self._seen)))
 
@@ -123,7 +136,10 @@ class BoardProblem:
         changes = (self.columns @ shared).reshape(-1, N_OF_CAMERA)
         lenses = np.stack([moved_lens(lens, change[LENS]) for lens, change in zip(state.lenses, changes, strict=True)])
         return BoardBundle(
-            moved_poses(state.world_T_camera, changes[:, POSE]), lenses, moved_poses(state.world_T_board, boards)
+            moved_poses(state.world_T_camera, changes[:, POSE]),
+            lenses,
+            moved_poses(state.world_T_board, boards),
+            state.late_s + changes[:, CLOCK],
         )
 
     def residual_px(self, state: BoardBundle) -> Float[np.ndarray, "moment camera point 2"]:
@@ -170,7 +186,7 @@ class BoardProblem:
         reduced -= np.einsum("tsa,tra->sr", cross @ inverse_boards, cross, optimize=True)
         return _Factorized(cho_factor(reduced), cross, inverse_boards)
 
-    def covariance(self, state: BoardBundle) -> Float[np.ndarray, "camera 15 camera 15"]:
+    def covariance(self, state: BoardBundle) -> Float[np.ndarray, "camera 19 camera 19"]:
         """Marginal covariance of changes of the cameras; zero for what is held.
 
         Raises:
@@ -204,22 +220,33 @@ class BoardProblem:
             image_px, own_by_point, own_by_lens = image_of(own_m, state.lenses[c], kind.model)
             behind = own_m[:, 2] < _MIN_DEPTH_M
             own_by_point[behind], own_by_lens[behind] = 0.0, 0.0
-            difference = np.where(behind[:, None], _BEHIND_PX, image_px - self._sightings.points_px[:, c][seen])
+            points_px = self._sightings.points_px[:, c][seen]
+            if self._velocity_px_s is not None:
+                points_px = points_px - state.late_s[c] * self._velocity_px_s[:, c][seen]
+            difference = np.where(behind[:, None], _BEHIND_PX, image_px - points_px)
             for array, own in ((residual_px, difference), (by_point, own_by_point), (by_lens, own_by_lens)):
                 array[:, c][seen] = own
         return _Image(residual_px, by_point, by_lens, points_m)
 
     def _linearized(
         self, state: BoardBundle
-    ) -> tuple[Float[np.ndarray, "moment camera row"], Float[np.ndarray, "moment camera row 21"]]:
+    ) -> tuple[Float[np.ndarray, "moment camera row"], Float[np.ndarray, "moment camera row 25"]]:
         """Whitened and weighted by the kernel: residuals and Jacobians by camera, lens and board."""
         residual_px, by_point, by_lens, points_m = self._image(state)
         weight = np.sqrt(robust_weight(self._squared(residual_px), _KERNEL, _KERNEL_SCALE)) / self.sigma_px[:, None]
         weight = np.where(self._seen, weight, 0.0)[..., None]
         camera_R_board = np.einsum("cji,tjk->tcik", state.world_T_camera[:, :3, :3], state.world_T_board[:, :3, :3])
         by_board = by_point @ camera_R_board[:, :, None]
+        by_clock = np.zeros((*residual_px.shape, 1)) if self._velocity_px_s is None else self._velocity_px_s[..., None]
         jacobian = np.concatenate(
-            [by_point @ cross_matrix(points_m), -by_point, by_lens, -by_board @ cross_matrix(self._points_m), by_board],
+            [
+                by_point @ cross_matrix(points_m),
+                -by_point,
+                by_lens,
+                np.where(self._seen[..., None, None], by_clock, 0.0),
+                -by_board @ cross_matrix(self._points_m),
+                by_board,
+            ],
             axis=-1,
         )
         n_moments, n_cameras, n_points = self._seen.shape
@@ -248,15 +275,17 @@ def moved_poses(poses: Float[np.ndarray, "n 4 4"], changes: Float[np.ndarray, "n
     return moved
 
 
-def _columns(kinds: Sequence[LensKind]) -> Float[np.ndarray, "row shared"]:
-    """Changes of all cameras by the unknowns; the pose of the first has none."""
+def _columns(kinds: Sequence[LensKind], *, has_clocks: bool) -> Float[np.ndarray, "row shared"]:
+    """Changes of all cameras by the unknowns; the pose and the clock of the first have none."""
     blocks = []
     for c, kind in enumerate(kinds):
         lens = kind.columns
-        n_pose = 6 if c else 0
-        block = np.zeros((N_OF_CAMERA, n_pose + lens.shape[1]))
+        n_pose, n_clock = (6 if c else 0), int(has_clocks and c > 0)
+        n_both = n_pose + lens.shape[1]
+        block = np.zeros((N_OF_CAMERA, n_both + n_clock))
         block[POSE, :n_pose] = np.eye(6)[:, :n_pose]
-        block[LENS, n_pose:] = lens
+        block[LENS, n_pose:n_both] = lens
+        block[CLOCK, n_both:] = 1.0
         blocks.append(block)
     columns = np.zeros((N_OF_CAMERA * len(kinds), sum(block.shape[1] for block in blocks)))
     at = 0

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.board.board import Board
 
@@ -36,6 +36,10 @@ class BoardSightings:
     points_px: Float[np.ndarray, "moment camera point 2"]
     """Pixels of the original, distorted images; NaN = missing."""
     left_out: tuple[LeftOut, ...] = ()
+    velocity_px_s: Float[np.ndarray, "moment camera point 2"] | None = None
+    """Of the points, where cameras began at different moments: an error of start_s moves them. None: it does not."""
+    start_s: Float[np.ndarray, " camera"] | None = None
+    """When each camera began, by the common clock, as it was taken for time_s; None: they have one clock."""
 
     @property
     def seen(self) -> Bool[np.ndarray, "moment camera point"]:
@@ -44,6 +48,13 @@ class BoardSightings:
     @property
     def shows_board(self) -> Bool[np.ndarray, "moment camera"]:
         return np.asarray(self.seen.any(axis=-1))
+
+    def at_moments(self, moments: Int[np.ndarray, " chosen"] | Bool[np.ndarray, " moment"]) -> BoardSightings:
+        """At some of the moments."""
+        velocity_px_s = None if self.velocity_px_s is None else self.velocity_px_s[moments]
+        return replace(
+            self, time_s=self.time_s[moments], points_px=self.points_px[moments], velocity_px_s=velocity_px_s
+        )
 
     def of_camera(self, c: int) -> BoardSightings:
         """Of one camera, at the moments at which it sees the board."""
@@ -54,10 +65,12 @@ class BoardSightings:
             sizes_px=self.sizes_px[c : c + 1],
             time_s=self.time_s[sees],
             points_px=self.points_px[sees, c : c + 1],
+            velocity_px_s=None if self.velocity_px_s is None else self.velocity_px_s[sees, c : c + 1],
+            start_s=None if self.start_s is None else self.start_s[c : c + 1],
         )
 
     def without(self, views: Bool[np.ndarray, "moment camera"], reasons: Sequence[LeftOut]) -> BoardSightings:
         """Without some views, and without moments at which then nobody sees the board."""
         points_px = np.where(views[..., None, None], np.nan, self.points_px)
         kept = np.isfinite(points_px).any(axis=(1, 2, 3))
-        return replace(self, time_s=self.time_s[kept], points_px=points_px[kept], left_out=(*self.left_out, *reasons))
+        return replace(self, points_px=points_px, left_out=(*self.left_out, *reasons)).at_moments(kept)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.board.adjusting import AdjustedBoards
 from fgpose.calibration.board.lens import N_OF_LENS, image_of, numbers_of
-from fgpose.calibration.board.problem import LENS, N_OF_CAMERA, POSE, cross_matrix
+from fgpose.calibration.board.problem import CLOCK, LENS, N_OF_CAMERA, POSE, cross_matrix
 from fgpose.calibration.from_people.verdict.alignment import onto_centroid
 from fgpose.geometry.camera import Camera, CameraRig
 
@@ -30,6 +30,8 @@ class BoardSigmas:
     border_px: Float[np.ndarray, " camera"]
     """Of what the lens does to a pixel, where on the border of the image that is known worst; zero where it was given.
     What a turn of the camera does is not counted."""
+    start_s: Float[np.ndarray, " camera"]
+    """Of when it began after the first camera; zero where all have one clock."""
 
 
 def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
@@ -39,7 +41,7 @@ def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
         covariance = about_centroid(adjusted.problem.covariance(adjusted.bundle), rig)
     except np.linalg.LinAlgError:
         unknown = np.full(n_cameras, np.inf)
-        return BoardSigmas(unknown, unknown.copy(), unknown.copy(), unknown.copy())
+        return BoardSigmas(*(unknown.copy() for _ in fields(BoardSigmas)))
     variances = np.einsum("cici->ci", covariance)
     of_lens = [covariance[c, LENS, c, LENS] for c in range(n_cameras)]
     return BoardSigmas(
@@ -47,12 +49,13 @@ def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
         direction_deg=np.rad2deg(np.sqrt(variances[:, :3].sum(axis=1))),
         focal=np.sqrt(variances[:, LENS.start : LENS.start + 2].mean(axis=1)),
         border_px=np.array([_border_px(camera, own) for camera, own in zip(rig.cameras, of_lens, strict=True)]),
+        start_s=np.sqrt(variances[:, CLOCK]),
     )
 
 
 def about_centroid(
-    covariance: Float[np.ndarray, "camera 15 camera 15"], rig: CameraRig
-) -> Float[np.ndarray, "camera 15 camera 15"]:
+    covariance: Float[np.ndarray, "camera 19 camera 19"], rig: CameraRig
+) -> Float[np.ndarray, "camera 19 camera 19"]:
     """Of what no motion of the whole rig explains; lenses as they are. Zero for the pose of a single camera."""
     n_cameras = rig.n_cameras
     projection = np.eye(n_cameras * N_OF_CAMERA).reshape(n_cameras, N_OF_CAMERA, n_cameras, N_OF_CAMERA)
@@ -62,7 +65,7 @@ def about_centroid(
     return (flat @ covariance.reshape(flat.shape) @ flat.T).reshape(covariance.shape)
 
 
-def _border_px(camera: Camera, covariance: Float[np.ndarray, "9 9"]) -> float:
+def _border_px(camera: Camera, covariance: Float[np.ndarray, "12 12"]) -> float:
     """See BoardSigmas."""
     width, height = camera.size_px
     x, y = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))

@@ -192,8 +192,8 @@ def _large_errors(inputs: VerdictInputs) -> list[CalibrationFinding]:
             grade = Grade.FAILED if rms_px > min(_TOGETHER[1] * alone_px, limits_px[1]) else Grade.COARSE
             reason = f"it sees the board {rms_px:.1f} px beside where the others do, {alone_px:.1f} px by itself"
             remedy = (
-                "check that all cameras took their images at the same moments, that none was moved, and hold the board "
-                "still"
+                "check that all cameras took their images at the same moments (if they were started by hand: "
+                "--unsynchronised), that none was moved, and hold the board still"
             )
             found.append(CalibrationFinding(name, grade, reason, remedy))
         elif rms_px > limits_px[0]:

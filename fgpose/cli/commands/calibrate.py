@@ -90,7 +90,8 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
 
     With --board the cameras are calibrated with a board instead, lenses included: lay it on the floor first, hold it
     near to each camera, all over its image and tilted, and where several cameras see it at once
-    (docs/calibrate_board.md). The videos are synchronised; images of one number are of one moment.
+    (docs/calibrate_board.md). Images of one number are of one moment, and videos synchronised unless --unsynchronised
+    says that they were started by hand.
 
     With --from a rig that was right is corrected instead: the cameras that were bumped get new poses.
 

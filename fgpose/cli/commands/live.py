@@ -277,18 +277,18 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
     from fgpose.config import load_config
     from fgpose.live.clock import Clock
     from fgpose.live.recording.live_recording import load_live_recording
-    from fgpose.live.recording.replay import replay
+    from fgpose.live.recording.replay import RecordedClock, replay
 
     recording = load_live_recording(path)
-    clock = Clock()
+    clock, recorded = Clock(), RecordedClock(recording.started_s)
     config = None if config_path is None else load_config(config_path)
     with ExitStack() as stack:
-        consumers = Consumers(clock)
-        consumers.open(
-            stack, outputs, recording.rig, recording.skeleton, config or recording.config, recording.started_s
-        )
+        consumers = Consumers(recorded)
+        used = config or recording.config
+        consumers.open(stack, outputs, recording.rig, recording.skeleton, used, recording.started_s, path.name)
 
         def publish(frame: LiveFrame) -> None:
+            recorded.publish(frame)
             for consumer in consumers.frames:
                 consumer.publish(frame)
 

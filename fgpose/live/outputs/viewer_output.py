@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
@@ -17,7 +17,14 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.output import BackgroundOutput
-from fgpose.live.outputs.viewer_process import FrameToShow, TrackedDetections, ViewerJob, ViewerProcess
+from fgpose.live.outputs.viewer_process import (
+    FrameToShow,
+    PictureToShow,
+    TrackedDetections,
+    ViewerJob,
+    ViewerProcess,
+)
+from fgpose.live.pictures_with_people import PicturesWithPeople
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.live_tracking import Update
 from fgpose.people_observations import Detections
@@ -27,6 +34,8 @@ from fgpose.skeleton import Skeleton
 _MAX_EVENTS = 200
 # A viewer that hangs is dropped after half a minute; then the file is written to its end.
 _CLOSE_S = 40.0
+# Images of a camera among which that of a picture is looked for: more than come while its people are waited for.
+_N_USED = 100
 
 
 @dataclass(eq=False)
@@ -34,8 +43,16 @@ class _Seen:
     """What has come since the last moment that was shown: bounded, however slow the viewer is."""
 
     images: dict[str, Detections] = field(default_factory=dict)
-    pictures: dict[str, np.ndarray] = field(default_factory=dict)
+    pictures: dict[str, PictureToShow] = field(default_factory=dict)
     events: deque[TrackEvent] = field(default_factory=lambda: deque(maxlen=_MAX_EVENTS))
+
+
+@dataclass(frozen=True, eq=False)
+class _Used:
+    """An image that was used, and whose its detections are, by person as of Tracked."""
+
+    detections: Detections
+    seen: Mapping[int, Mapping[str, tuple[np.ndarray, np.ndarray]]]
 
 
 class ViewerOutput(BackgroundOutput):
@@ -72,6 +89,8 @@ class ViewerOutput(BackgroundOutput):
     ) -> None:
         self._lock = threading.Lock()
         self._seen, self._sightings = _Seen(), dict[int, TrackedDetections]()
+        self._pictures = PicturesWithPeople(rig)
+        self._used = {name: deque[_Used](maxlen=_N_USED) for name in rig.names}
         self.viewer_url: str | None = None
         """Where viewers connect."""
         self._port, numbers = port, count()
@@ -92,16 +111,30 @@ class ViewerOutput(BackgroundOutput):
         with self._lock:
             self._seen.images |= {image.detections.camera: image.detections for image in update.images if image.is_used}
             self._seen.events.extend(update.events)
+            seen = {tracked.person: tracked.seen for tracked in update.people}
+            for image in update.images:
+                if image.is_used:
+                    self._used[image.detections.camera].append(_Used(image.detections, seen))
             if any(image.is_used for image in update.images):
                 self._sightings = {
                     tracked.person: TrackedDetections(tracked.estimate.residual_px, tracked.seen)
                     for tracked in update.people
                 }
 
-    def show_image(self, camera: str, image_rgb: np.ndarray) -> None:
-        """Show a picture of a camera, (height, width, 3) bytes RGB, perhaps scaled down. It is kept, not copied."""
+    def show_image(self, camera: str, image_rgb: np.ndarray, time_s: float) -> None:
+        """Show a picture of a camera, (height, width, 3) bytes RGB, perhaps scaled down, that was taken at this Unix
+        time. It is kept, not copied, and shown as soon as the poses of its moment are known."""
+        self._pictures.add_picture(camera, image_rgb, time_s)
+
+    def publish(self, frame: LiveFrame) -> None:
+        """See Output."""
+        self._pictures.add_frame(frame)
         with self._lock:
-            self._seen.pictures[camera] = image_rgb
+            for camera, picture in self._pictures.take().items():
+                used = [each for each in self._used[camera] if each.detections.time_s == picture.time_s]
+                found = (used[-1].detections, used[-1].seen) if used else (None, {})
+                self._seen.pictures[camera] = PictureToShow(picture, *found)
+        super().publish(frame)
 
     def _shown(self, frame: LiveFrame) -> FrameToShow:
         with self._lock:

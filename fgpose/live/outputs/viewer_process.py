@@ -22,12 +22,13 @@ from fgpose.child_process import ChildProcess, parent
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import CameraState, LiveFrame, LivePerson
+from fgpose.live.pictures_with_people import PictureWithPeople
 from fgpose.live.processes.priority import give_way
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 from fgpose.viewer import open_system_recording
-from fgpose.viewer.recording import CameraSaid, SystemRecording, SystemState
+from fgpose.viewer.recording import CameraSaid, SystemPicture, SystemRecording, SystemState
 
 _SILENT = (CameraState.LOST, CameraState.RECONNECTING)
 # Of people who may be anywhere, ellipsoids would only hide the room.
@@ -59,6 +60,17 @@ class TrackedDetections:
 
 
 @dataclass(frozen=True, eq=False)
+class PictureToShow:
+    """A picture, its people, and what was found in it."""
+
+    picture: PictureWithPeople
+    detections: Detections | None
+    """None: it was not used."""
+    seen: Mapping[int, Mapping[str, tuple[np.ndarray, np.ndarray]]]
+    """Of each person, as of Tracked."""
+
+
+@dataclass(frozen=True, eq=False)
 class FrameToShow:
     """A frame, and what has come since the one before."""
 
@@ -66,7 +78,7 @@ class FrameToShow:
     sightings: Mapping[int, TrackedDetections]
     """By person."""
     images: Sequence[Detections]
-    pictures: Mapping[str, np.ndarray]
+    pictures: Mapping[str, PictureToShow]
     events: Sequence[TrackEvent]
     note: str = ""
     """Of the recording."""
@@ -190,7 +202,7 @@ class _Moments:
             time_s=frame.time_s + frame.published_s - self._before.published_s,
             people=[_tracked(each, frame, shown.sightings.get(each.person), is_new) for each in frame.people],
             images=shown.images,
-            pictures=shown.pictures,
+            pictures={name: _pictured(each, frame) for name, each in shown.pictures.items()},
             events=shown.events,
             cameras={
                 camera.name: CameraSaid(camera.state.value, camera.reason, camera.state in _SILENT)
@@ -200,6 +212,20 @@ class _Moments:
             observed_share=frame.observed_share,
             note=shown.note,
         )
+
+
+def _pictured(shown: PictureToShow, frame: LiveFrame) -> SystemPicture:
+    picture = shown.picture
+    people = [
+        Tracked(
+            person.person,
+            person.state,
+            Estimate(frame.skeleton, frame.sequence, picture.moment_s, person.positions_m, person.status),
+            shown.seen.get(person.person, {}),
+        )
+        for person in picture.people
+    ]
+    return SystemPicture(picture.image_rgb, picture.moment_s, people, shown.detections)
 
 
 def _tracked(person: LivePerson, frame: LiveFrame, sighting: TrackedDetections | None, is_new: bool) -> Tracked:

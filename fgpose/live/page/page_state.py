@@ -17,6 +17,7 @@ from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.link_distance import LinkDistance
 from fgpose.skeleton import Skeleton
+from fgpose.viewer.rerun.palette import person_colour
 
 LATENCY_EDGES_MS = (0, 5, 10, 15, 20, 25, 30, 40, 50, 75, 100, 150, 200, 250, 300, 400, 500, 1000)
 """Lower edges of the bins of the histogram; the last one has no upper edge."""
@@ -41,10 +42,11 @@ class PageState:
         rig: its cameras are drawn where they stand.
         skeleton: of the people.
         up: the axis of the world that points up.
+        replay: the name of the recording that is run again, empty if this is live.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, up: UpAxis) -> None:
-        self._skeleton = skeleton
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, up: UpAxis, replay: str = "") -> None:
+        self._skeleton, self._replay = skeleton, replay
         self._seen_from_above = _from_above(up)
         self._cameras = {camera.name: self._drawn(camera) for camera in rig.cameras}
         self._frame: LiveFrame | None = None
@@ -85,6 +87,7 @@ class PageState:
         return _to_json(
             {
                 "now_s": now_s,
+                "replay": self._replay,
                 "skeleton": self._skeleton.name,
                 "lines": [*self._skeleton.bones, *self._skeleton.lines],
                 "frame": None if frame is None else _fields(frame, _OF_FRAME),
@@ -136,10 +139,14 @@ class PageState:
         return {"edges_ms": LATENCY_EDGES_MS, "counts": counts.tolist(), **values}
 
     def _drawn(self, camera: Camera) -> dict[str, Any]:
-        """A camera from above: where it stands and the directions of the sides of its image."""
+        """A camera from above: where it stands and the directions of the sides of its image; and how large that is."""
         (width_px, _), height_px = camera.size_px, camera.K[1, 2]
         sides = camera.ray(np.array([[0.0, height_px], [width_px, height_px]])) @ self._seen_from_above.T
-        return {"at_m": (self._seen_from_above @ camera.position_m).tolist(), "sides": sides.tolist()}
+        return {
+            "at_m": (self._seen_from_above @ camera.position_m).tolist(),
+            "sides": sides.tolist(),
+            "size_px": camera.size_px,
+        }
 
     def _person(self, person: LivePerson) -> dict[str, Any]:
         axes = self._seen_from_above
@@ -154,6 +161,7 @@ class PageState:
             ellipse = {"radii_m": radii_m.tolist(), "turn_deg": turn_deg}
         return {
             "person": person.person,
+            "colour": "rgb({} {} {})".format(*person_colour(person.person)),
             "is_provisional": person.is_provisional,
             "state": person.state.value,
             "at_m": at_m.tolist(),

@@ -3,7 +3,7 @@
     with StatusPage(rig, skeleton, port=8099) as page:
         print(page.url)
         page.publish(frame)  # an output like the others
-        page.show_image("cam01", image_rgb)
+        page.show_image("cam01", image_rgb, time_s)
 
 A program of its own serves it (page_server), which asks for what its clients want to see, each thing at most every
 0.4 s. While nobody looks nothing is encoded; and whatever clients do, they cannot ask for more.
@@ -23,22 +23,22 @@ from pathlib import Path
 from types import TracebackType
 
 import numpy as np
-from jaxtyping import UInt8
 
 from fgpose.child_process import StoppedTwice, is_stopped
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import LiveFrame
 from fgpose.live.link_distance import LinkDistance
+from fgpose.live.page.drawn_pictures import drawn_jpeg
 from fgpose.live.page.page_server import STATIC
 from fgpose.live.page.page_state import PageState
+from fgpose.live.pictures_with_people import PicturesWithPeople
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import PartEndedError, Worker
+from fgpose.overlay.drawing import Drawing
 from fgpose.skeleton import Skeleton
 
 _STATE = "/state.json"
-_THUMBNAIL_PX = 320  # the longer side
-_JPEG_QUALITY = 70
 _ENDS_WITHIN_S = 2.0
 # Whether the server is stopped is looked at so often.
 _LOOKS_S = 0.2
@@ -54,9 +54,10 @@ class StatusPage:
         host: the address of this computer on which it is served; "0.0.0.0" lets everybody in the network look at the
             pictures. There is no password.
         up: the axis of the world that points up.
-        now_s: the clock, Unix time.
+        now_s: the clock, Unix time: of a recording that is run again, that of the recording.
         faults: of inputs and outputs by name, empty where there is none; asked whenever somebody looks.
         parts: told when the server or the thread that feeds it has ended.
+        replay: the name of the recording that is run again, which the page then says; empty if this is live.
 
     Raises:
         ImportError: waitress is not installed.
@@ -74,13 +75,15 @@ class StatusPage:
         now_s: Callable[[], float] = time.time,
         faults: Callable[[], Mapping[str, str]] = dict,
         parts: Parts | None = None,
+        replay: str = "",
     ) -> None:
         if importlib.util.find_spec("waitress") is None:
             raise ImportError('the status page needs waitress: pip install "fgpose[live]"')
         self._now_s, self._faults = now_s, faults
-        self._state = PageState(rig, skeleton, up)
-        self._sizes = {camera.name: camera.size_px for camera in rig.cameras}
-        self._images: dict[str, np.ndarray] = {}
+        self._state = PageState(rig, skeleton, up, replay)
+        self._cameras = {camera.name: camera for camera in rig.cameras}
+        self._pictures = PicturesWithPeople(rig)
+        self._drawing = Drawing(skeleton, ellipses=False, numbers=True)
         self._html = resources.files("fgpose.live.page").joinpath("page.html").read_bytes()
         self._listening = _listen(host, port)
         self._address = host, int(self._listening.getsockname()[1])
@@ -98,20 +101,25 @@ class StatusPage:
     def publish(self, frame: LiveFrame) -> None:
         """Show a frame, from now on. Never blocks."""
         self._state.add(frame)
+        self._pictures.add_frame(frame)
 
-    def show_image(self, camera: str, image_rgb: np.ndarray) -> None:
-        """Show a picture of a camera, (height, width, 3) bytes RGB, from now on. Never blocks.
+    def show_image(self, camera: str, image_rgb: np.ndarray, time_s: float = np.nan) -> None:
+        """Show a picture of a camera, with the people in it as soon as they are known. Never blocks.
 
-        It is kept, not copied: do not change it afterwards.
+        Args:
+            camera: its name in the rig.
+            image_rgb: (height, width, 3) bytes RGB, as the camera took it but for its scale. It is kept, not copied: do
+                not change it afterwards.
+            time_s: when it was taken, Unix time; NaN: nobody knows, and nobody is drawn.
 
         Raises:
             ValueError: the camera is unknown, or this is no picture.
         """
-        if camera not in self._sizes:
-            raise ValueError(f"no camera {camera}; the rig has {', '.join(self._sizes)}")
+        if camera not in self._cameras:
+            raise ValueError(f"no camera {camera}; the rig has {', '.join(self._cameras)}")
         if image_rgb.dtype != np.uint8 or image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or not image_rgb.size:
             raise ValueError(f"camera {camera}: a picture is (height, width, 3) of bytes, got {image_rgb.shape}")
-        self._images[camera] = image_rgb
+        self._pictures.add_picture(camera, image_rgb, time_s)
 
     def show_distances(self, distances: Sequence[LinkDistance]) -> None:
         """Show the distances of people from the links of a robot."""
@@ -174,7 +182,7 @@ class StatusPage:
     def _answer(self, connection: Connection) -> None:
         """First which paths there are, then the newest content of those that are asked for."""
         _send(connection, STATIC, self._html)
-        for path in (_STATE, *map(_picture_path, self._sizes)):
+        for path in (_STATE, *map(_picture_path, self._cameras)):
             _send(connection, path, b"")
         looks = StoppedTwice()
         while True:
@@ -186,9 +194,10 @@ class StatusPage:
 
     def _content(self, path: str) -> bytes:
         if path == _STATE:
-            return self._state.to_json(self._now_s(), set(self._images), self._faults())
-        camera = next(name for name in self._sizes if _picture_path(name) == path)
-        return _thumbnail(self._images[camera]) if camera in self._images else b""
+            return self._state.to_json(self._now_s(), self._pictures.cameras, self._faults())
+        camera = next(camera for name, camera in self._cameras.items() if _picture_path(name) == path)
+        picture = self._pictures.newest(camera.name)
+        return b"" if picture is None else drawn_jpeg(picture, camera, self._drawing)
 
 
 def _send(connection: Connection, path: str, body: bytes) -> None:
@@ -207,15 +216,3 @@ def _listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         why = error.strerror or str(error)
         raise OSError(error.errno, f"the status page cannot be served on port {port} of {host}: {why}") from None
-
-
-def _thumbnail(image_rgb: UInt8[np.ndarray, "height width 3"]) -> bytes:
-    """A small JPEG."""
-    import cv2
-
-    height, width = image_rgb.shape[:2]
-    scale = min(1.0, _THUMBNAIL_PX / max(height, width))
-    size = max(1, round(scale * width)), max(1, round(scale * height))
-    small = cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA)
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return encoded.tobytes()

@@ -44,8 +44,8 @@ class CameraFeed:
         late_s: images that arrive this long after they were taken are late; default: the lag of the estimator.
         n_jobs: images at which networks look at once, None: one for each core.
         on_event: called once for every change of a camera's state, in any thread.
-        show: takes the name of a camera and its picture, (H, W, 3) RGB, scaled down, a few times a second, in any
-            thread.
+        show: takes the name of a camera, its picture, (H, W, 3) RGB, scaled down, and the Unix time at which it was
+            taken, a few times a second, in any thread.
         parts: told when a process, or a thread of one, has ended.
 
     Warns:
@@ -66,7 +66,7 @@ class CameraFeed:
         late_s: float = OnlineConfig.lag_s,
         n_jobs: int | None = None,
         on_event: Callable[[CameraEvent], None] | None = None,
-        show: Callable[[str, np.ndarray], None] | None = None,
+        show: Callable[[str, np.ndarray, float], None] | None = None,
         parts: Parts | None = None,
     ) -> None:
         self._clock, self._on_event, self._show, self._parts = clock, on_event, show, parts or Parts(clock.now_s)
@@ -150,7 +150,7 @@ class CameraFeed:
         if isinstance(message, RecordedImage):
             self._arrivals.put(message)
         elif isinstance(message, SmallPicture) and self._show is not None:
-            self._show(message.camera, message.picture_rgb)
+            self._show(message.camera, message.picture_rgb, message.time_s)
         elif isinstance(message, CameraEvent) and self._on_event is not None:
             self._on_event(message)
         elif isinstance(message, Restarts):

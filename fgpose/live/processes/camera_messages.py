@@ -58,3 +58,5 @@ class SmallPicture:
     camera: str
     picture_rgb: np.ndarray
     """(H, W, 3) uint8, scaled down."""
+    time_s: float
+    """Unix time at which it was taken."""

@@ -77,7 +77,11 @@ def _serve(
                 send(PartEndedError(f"the network does not answer for an image of {', '.join(hung)}"))
 
     telling = Worker(f"telling of {', '.join(cameras.cameras)}", tell, parts)
-    show = _ShownPictures(lambda camera, picture: send(SmallPicture(camera, picture))) if job.has_viewer else None
+    show = (
+        _ShownPictures(lambda camera, picture, time_s: send(SmallPicture(camera, picture, time_s)))
+        if job.has_viewer
+        else None
+    )
     with cameras:
         detectors = Detectors(cameras, network, send, job.n_detectors, show, parts)
         telling.start()
@@ -94,14 +98,14 @@ class _ShownPictures:
     """Scales some of the pictures of every camera down, and gives them on.
 
     Args:
-        show: takes the name of the camera and the small picture, RGB.
+        show: takes the name of the camera, the small picture, RGB, and when it was taken.
     """
 
-    def __init__(self, show: Callable[[str, np.ndarray], None]) -> None:
+    def __init__(self, show: Callable[[str, np.ndarray, float], None]) -> None:
         self._show = show
         self._shown_s: dict[str, float] = {}
 
-    def __call__(self, camera: str, picture_rgb: UInt8[np.ndarray, "height width 3"]) -> None:
+    def __call__(self, camera: str, picture_rgb: UInt8[np.ndarray, "height width 3"], time_s: float) -> None:
         """A picture of a camera. Those of one camera come from one thread at a time."""
         now_s = time.monotonic()
         if now_s < self._shown_s.get(camera, -np.inf) + _INTERVAL_S:
@@ -112,7 +116,7 @@ class _ShownPictures:
         height, width = picture_rgb.shape[:2]
         scale = min(1.0, _SIZE_PX / max(height, width))
         size_px = max(1, round(scale * width)), max(1, round(scale * height))
-        self._show(camera, cv2.resize(picture_rgb, size_px, interpolation=cv2.INTER_AREA))
+        self._show(camera, cv2.resize(picture_rgb, size_px, interpolation=cv2.INTER_AREA), time_s)
 
 
 class _Sender(QueueHandler):

@@ -41,7 +41,7 @@ class Detectors:
         network: that looks for people.
         deliver: takes what was found in each image, in the thread that looked.
         n_threads: at work at once.
-        show: takes the name of the camera and its picture, RGB, before the network does.
+        show: takes the name of the camera, its picture, RGB, and when it was taken, before the network does.
         parts: told when a thread has ended.
     """
 
@@ -51,7 +51,7 @@ class Detectors:
         network: Network,
         deliver: Callable[[RecordedImage], None],
         n_threads: int,
-        show: Callable[[str, np.ndarray], None] | None = None,
+        show: Callable[[str, np.ndarray, float], None] | None = None,
         parts: Parts | None = None,
     ) -> None:
         self._cameras, self._network, self._deliver, self._show = cameras, network, deliver, show
@@ -130,7 +130,7 @@ class Detectors:
             if image.camera not in self._trackers:
                 self._trackers[image.camera] = self._network.tracker(camera)
             if self._show is not None:
-                self._show(image.camera, image.picture)
+                self._show(image.camera, image.picture, image.captured_s)
             found = self._trackers[image.camera].detect(image.picture)
         # Whatever is wrong with an image, the other cameras and the next image are not.
         except Exception:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,21 @@ from fgpose.live.tracking.observed import volume_points_m
 
 # A live system publishes all the time; where its disk was full for hours, nobody waits for hours.
 _LONGEST_PAUSE_S = 10.0
+
+
+class RecordedClock(Clock):
+    """The time at which a replay is in its recording: of the frame that was published last, and going on since.
+
+    Args:
+        start_s: of the recording, Unix time.
+    """
+
+    def __init__(self, start_s: float) -> None:
+        super().__init__(start_s - time.monotonic())
+
+    def publish(self, frame: LiveFrame) -> None:
+        """It is the time of this frame now."""
+        self.unix_minus_monotonic_s = frame.published_s - time.monotonic()
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import person_colour
-from fgpose.viewer.rerun.rows import Rows, change_rows, log_rows, scalar_rows
+from fgpose.viewer.rerun.rows import Rows, change_rows, log_rows, point_rows, scalar_rows
 from fgpose.viewer.rerun.scene import (
     annotation_class,
     body_rows,
@@ -230,6 +230,31 @@ def _camera_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> 
     yield _detection_rows(detections, camera, n_frames)
     n_unused = detections.n_unused(n_frames).astype(float)
     yield scalar_rows(paths.join(paths.UNUSED, camera.name), n_unused)
+
+
+def picture_rows(
+    detections: Detections | None, people: Sequence[Tracked], camera: Camera, gone: Collection[int] = ()
+) -> Iterator[Rows]:
+    """The points in one picture of a camera.
+
+    Args:
+        detections: in it, if it was used.
+        people: who is estimated to be there.
+        camera: that took it.
+        gone: who was in the picture before, and is not in this one.
+    """
+    nothing = OwnedDetections.nothing(0)
+    yield _detection_rows(nothing if detections is None else OwnedDetections.of_image(detections, people), camera, 1)
+    for each in people:
+        points_px = camera.project(each.estimate.positions_m)
+        yield point_rows(paths.reprojections(camera.name, paths.person(each.person)), rr.Points2D, points_px[None])
+    yield from absent_rows(gone, camera.name)
+
+
+def absent_rows(people: Collection[int], camera: str) -> Iterator[Rows]:
+    """These people are not in the image of a camera."""
+    for person in people:
+        yield point_rows(paths.reprojections(camera, paths.person(person)), rr.Points2D, np.zeros((1, 0, 2)))
 
 
 def _detection_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> Rows:

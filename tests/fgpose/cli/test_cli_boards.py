@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from filmed_boards import FILMED, film
+from filmed_boards import FILMED, film, film_carried
 
 import fgpose
 from fgpose.cli import main
@@ -57,6 +57,22 @@ def test_with_lenses_that_are_known(filmed: tuple[Path, fgpose.CameraRig], tmp_p
     np.testing.assert_allclose(rig.cameras[0].world_T_camera, np.eye(4), atol=1e-9)
 
 
+@pytest.mark.slow
+def test_videos_that_were_started_by_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    true = film_carried(tmp_path / "videos", (0.0, 1.37))
+    save_rig(true, tmp_path / "Lens.toml")
+    options = ["--unsynchronised", "--intrinsics", str(tmp_path / "Lens.toml"), "--no-rrd"]
+    path = tmp_path / "rig.toml"
+    assert main(["calibrate", str(tmp_path / "videos"), "--board", FILMED.text, *options, "-o", str(path)]) == 0
+    (said,) = [line for line in capsys.readouterr().out.splitlines() if "began after the first [s]" in line]
+    # Of a twelfth of a second from image to image.
+    assert float(said.split()[-1]) == pytest.approx(1.37, abs=0.005)
+    rig = fgpose.load_rig(path)
+    apart_m, truly_m = (np.linalg.norm(np.diff(each.positions_m, axis=0)) for each in (rig, true))
+    assert apart_m == pytest.approx(truly_m, rel=0.01)
+    np.testing.assert_array_equal(rig.time_offsets_s, 0.0)
+
+
 def test_a_failed_calibration_writes_no_rig(
     filmed: tuple[Path, fgpose.CameraRig],
     tmp_path: Path,
@@ -83,7 +99,9 @@ def test_a_failed_calibration_writes_no_rig(
         (["--board", "no/such.toml"], "no/such.toml"),
         (["--board", FILMED.text, "--height", "1.8"], "--board takes scale and lenses from the board"),
         (["--board", FILMED.text, "--origin", "floor"], "the origin is board, board@SECONDS, camera or level"),
-        (["--lens", "fisheye"], "--lens and --origin are of a calibration with --board"),
+        (["--board", FILMED.text, "--unsynchronised"], "camera ring_0: images have no times"),
+        (["--unsynchronised"], "--lens, --origin and --unsynchronised are of a calibration with --board"),
+        (["--lens", "fisheye"], "--lens, --origin and --unsynchronised are of a calibration with --board"),
         (["--board", FILMED.text, "--cameras", "ring_0", "ring_7"], "ring_7"),
         (["--board", FILMED.text, "--intrinsics", "no/such.yml"], "no/such.yml"),
         (["--board", "charuco:6x5:160mm:120mm:DICT_6X6_50"], "camera ring_0, ring_1: no image shows charuco:6x5"),

@@ -171,19 +171,22 @@ def test_a_network_that_hangs_is_begun_again_with_its_process(
 
 def test_states_and_pictures_are_told(three: CameraRig, videos: list[Path]) -> None:
     events: list[CameraEvent] = []
-    shown: dict[str, np.ndarray] = {}
+    shown: dict[str, tuple[np.ndarray, float]] = {}
+    began_s = time.time()
     with CameraFeed(
         looping(three, videos),
         Clock(),
         counting_network.open_counting,
         on_event=events.append,
-        show=lambda camera, picture: shown.update({camera: picture}),
+        show=lambda camera, picture, time_s: shown.update({camera: (picture, time_s)}),
     ) as feed:
         taken_until(feed, lambda _: len(shown) == 2 and len(events) >= 2)
         assert {(event.camera, event.state) for event in events[:2]} == {
             (name, CameraState.OK) for name in feed.rig.names
         }
-    assert all(picture.shape == (SIZE_PX[1], SIZE_PX[0], 3) for picture in shown.values())
+    assert all(picture.shape == (SIZE_PX[1], SIZE_PX[0], 3) for picture, _ in shown.values())
+    # By the clock of the images.
+    assert all(began_s - 1 < time_s < time.time() + 1 for _, time_s in shown.values())
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_pictures_are_small_and_of_the_right_camera(page: StatusPage) -> None:
     body = wait_for(page, path)
     image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
-    assert image.shape == (180, 320, 3)
+    assert image.shape == (270, 480, 3)
     # Of JPEG: a few grey levels. OpenCV has blue first.
     np.testing.assert_allclose(image.mean(axis=(0, 1)), (0, 0, 200), atol=5)
     assert ask(page, "/camera/ring_1.jpg")[0] == 503
@@ -113,7 +113,7 @@ def test_pictures_are_small_and_of_the_right_camera(page: StatusPage) -> None:
 
 def test_what_nobody_asks_for_is_not_made(page: StatusPage, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
-    monkeypatch.setattr("fgpose.live.page.status_page._thumbnail", lambda image: made.append(image) or b"picture")
+    monkeypatch.setattr("fgpose.live.page.status_page.drawn_jpeg", lambda *picture: made.append(picture) or b"picture")
     picture = np.zeros((4, 4, 3), np.uint8)
     for _ in range(50):
         page.show_image("ring_3", picture)

@@ -26,6 +26,7 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.link_distance import DistanceFault, LinkDistance
 from fgpose.live.page.status_page import StatusPage
+from fgpose.trajectory import Status
 from fgpose_benchmarks.synthetic import ring_rig, walking
 from tests.fgpose.browser import BROWSER, browser
 
@@ -35,7 +36,11 @@ NAMES = ("door", "window", "<img src=x onerror=document.title='taken'>", "ceilin
 
 
 def named_rig(names: tuple[str, ...]) -> CameraRig:
-    cameras = ring_rig(4, 3.4, 2.3, focal_px=700.0, size_px=(1280, 720)).cameras
+    """The second camera stands on its side."""
+    cameras = list(ring_rig(4, 3.4, 2.3, focal_px=700.0, size_px=(1280, 720)).cameras)
+    K = cameras[1].K.copy()
+    K[:2, 2] = K[1, 2], K[0, 2]
+    cameras[1] = replace(cameras[1], K=K, size_px=(720, 1280))
     return CameraRig(tuple(replace(camera, name=name) for camera, name in zip(cameras, names, strict=True)))
 
 
@@ -72,11 +77,12 @@ def made_up_frame(rig: CameraRig, sequence: int, now_s: float, rng: np.random.Ge
     )  # fmt: skip
     sigma_m = (0.02, 0.03, np.array([0.25, 0.15, 0.05]))
     track = (TrackState.CONFIRMED, TrackState.CONFIRMED, TrackState.COASTING)
+    delay_s = float(0.018 + rng.gamma(2.0, 0.004))
     people = [
         live_person(joints_m, number + 1, sigma_m[number], track[number])
-        for number, joints_m in enumerate(people_m(now_s))
+        for number, joints_m in enumerate(people_m(now_s - delay_s))
     ]
-    delay_s = float(0.018 + rng.gamma(2.0, 0.004))
+    people[2] = replace(people[2], status=np.full(SKELETON.n_joints, Status.PREDICTED))
     frame = live_frame(SKELETON, people, now_s - delay_s, sequence=sequence, delay_s=delay_s)
     return replace(frame, cameras=cameras, observed_share=0.83 if sequence >= 10 else 1.0)
 
@@ -99,7 +105,7 @@ def picture(camera: Camera, time_s: float) -> np.ndarray:
 
 @contextmanager
 def served(names: tuple[str, ...]) -> Iterator[StatusPage]:
-    """A page that is fed by a thread with 30 frames a second."""
+    """A page that is fed with 30 frames and 2 pictures of each camera a second."""
     rig, rng, over = named_rig(names), np.random.default_rng(0), threading.Event()
     faults = {"zmq tcp://127.0.0.1:5561": "", "recording out/today": "the disk is full"}
     with StatusPage(rig, SKELETON, port=0, faults=lambda: faults) as page:
@@ -114,22 +120,36 @@ def served(names: tuple[str, ...]) -> Iterator[StatusPage]:
                 if over.wait(1 / 30):
                     return
                 page.publish(made_up_frame(rig, sequence, time.time(), rng))
-                if sequence % 30 == 0:
-                    for camera in rig.cameras if sequence == 0 else (rig.cameras[0], rig.cameras[1], rig.cameras[3]):
-                        page.show_image(camera.name, picture(camera, time.time()))
 
-        thread = threading.Thread(target=feed)
-        thread.start()
+        def film() -> None:
+            shown = rig.cameras
+            while not over.wait(0.5):
+                for camera in shown:
+                    taken_s = time.time()
+                    page.show_image(camera.name, picture(camera, taken_s), taken_s)
+                shown = (rig.cameras[0], rig.cameras[1], rig.cameras[3])
+
+        threads = [threading.Thread(target=each) for each in (feed, film)]
+        for thread in threads:
+            thread.start()
         try:
             yield page
         finally:
             over.set()
-            thread.join()
+            for thread in threads:
+                thread.join()
 
 
 # Somebody is coasting, a camera is lost, and the pictures have come.
 IS_SHOWN = """document.body.innerText.includes("person 3 coasting") && document.querySelector("article.fault") !== null
-    && [...document.images].length === 4 && [...document.images].every((image) => image.naturalWidth === 320)"""
+    && [...document.images].length === 4
+    && [...document.images].every((image) => Math.max(image.naturalWidth, image.naturalHeight) === 480)"""
+
+
+# Width and height of each picture as it came, and of the box in which it is drawn as large as it can be.
+SHAPES = """[...document.images].map((image) => [
+    image.naturalWidth, image.naturalHeight, getComputedStyle(image).objectFit,
+    image.getBoundingClientRect().height <= image.parentElement.getBoundingClientRect().height])"""
 
 
 @pytest.mark.slow
@@ -139,6 +159,7 @@ def test_a_browser_shows_cameras_people_and_faults() -> None:
         opened.wait_for(IS_SHOWN)
         text, title = opened.value("document.body.innerText"), opened.value("document.title")
         pictures = opened.value("[...document.images].map((image) => image.src)")
+        shapes = opened.value(SHAPES)
         loaded = opened.value("performance.getEntriesByType('resource').map((entry) => entry.name)")
         page.close()
         # What is shown is said to be old when nobody answers any more.
@@ -155,6 +176,8 @@ def test_a_browser_shows_cameras_people_and_faults() -> None:
     # Of every camera, also those whose names need quoting.
     shown = {unquote(picture.partition("?")[0]) for picture in pictures}
     assert shown == {f"{page.url}camera/{name}.jpg" for name in NAMES}
+    # All of a picture is shown, also of the camera on its side.
+    assert shapes == [[480, 270, "contain", True], [270, 480, "contain", True], *[[480, 270, "contain", True]] * 2]
     # A name is a text, not a program.
     assert NAMES[2] in text
     assert title == "fgpose live"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -27,6 +28,7 @@ from fgpose.io.live.recordings import RecordedImage, _number, images_document, s
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraStatus, LiveFrame
 from fgpose.live.outputs.frame_messages import frame_document
+from fgpose.live.page.status_page import StatusPage
 from fgpose.live.recording.live_recording import load_live_recording
 from fgpose.live.recording.recorder import Recorder
 from fgpose.live.recording.replay import replay
@@ -188,6 +190,25 @@ def test_nobody_waits_for_hours_that_were_not_recorded(tmp_path: Path) -> None:
     path = crafted(tmp_path / "a.fgpose", frame={"published_s": START_S + 3600.0})
     assert replay(load_live_recording(path), lambda frame: None, clock=clock).n_frames == 1
     assert clock.now_s() == pytest.approx(5e8 + 10.0)
+
+
+@pytest.mark.filterwarnings("ignore:.*records are missing")
+def test_the_page_of_a_replay_has_the_time_of_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[dict[str, Any]] = []
+    close = StatusPage.close
+
+    def look_and_close(page: StatusPage) -> None:
+        shown.append(json.loads(page._content("/state.json")))
+        close(page)
+
+    monkeypatch.setattr(StatusPage, "close", look_and_close)
+    path = crafted(tmp_path / "session.fgpose")
+    assert main(["live", "--replay", str(path), "--fast", "--page", "0"]) == 0
+    (state,) = shown
+    assert state["replay"] == "session.fgpose"
+    # It was published a moment ago, years after it was recorded.
+    assert 0.0 <= state["now_s"] - state["frame"]["published_s"] < 60.0
+    assert abs(state["now_s"] - START_S) < 60.0
 
 
 @pytest.mark.slow

@@ -42,7 +42,9 @@ def errors_m(rig: CameraRig, true: CameraRig) -> np.ndarray:
 
 def bundle_of(scene: BoardScene) -> BoardBundle:
     poses = np.stack([camera.world_T_camera for camera in scene.rig.cameras])
-    return BoardBundle(poses, np.stack([numbers_of(camera) for camera in scene.rig.cameras]), scene.world_T_board)
+    return BoardBundle.on_time(
+        poses, np.stack([numbers_of(camera) for camera in scene.rig.cameras]), scene.world_T_board
+    )
 
 
 @pytest.mark.parametrize("model", ["pinhole", "fisheye"])

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, camera, entities, rows, static_value, values, view_origins
@@ -108,7 +109,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if number < LATE_FRAME:
             output.observe(seen if number != 2 else replace(seen, images=seen.images[:1]))
             for name in RIG.names:
-                output.show_image(name, picture(50 * (number + 1)))
+                output.show_image(name, picture(50 * (number + 1)), START_S + number / 10)
         else:
             person = person.coasting((number - LATE_FRAME + 1) / 10)
         lost = CameraStatus("cam_2", CameraState.LOST, f"no image for 0.{number} s", n_used=1)
@@ -205,6 +206,68 @@ def test_every_state_of_a_camera_has_a_colour() -> None:
     assert set(palette.CAMERA_STATES) == {state.value for state in CameraState}
 
 
+RATE_HZ, WALK_MPS = 30.0, 1.5
+
+
+def walking_update(number: int) -> tuple[Update, LivePerson | None]:
+    """Somebody who walks past both cameras, is seen 0.05 s after the images were taken, and goes after 2 s."""
+    time_s = START_S + number / RATE_HZ
+    if number > 60:
+        return Update(update(0).images[:0], (), ()), None
+    joints_m = body_m() + np.array([WALK_MPS * (number / RATE_HZ - 1.0), 0.0, 2.0])
+    known, seen = update(0), {}
+    images = []
+    for own, name in enumerate(RIG.names):
+        points_px = RIG.cameras[own].distort(RIG.project(joints_m)[own])[None]
+        images.append(RecordedImage(Detections(name, time_s, points_px, np.ones(points_px.shape[:2])), time_s, None))
+        seen[name] = np.zeros(SKELETON.n_joints, dtype=int), np.arange(SKELETON.n_joints)
+    estimate = replace(known.people[0].estimate, frame=number, time_s=time_s, positions_m=joints_m)
+    tracked = Tracked(PERSON, TrackState.CONFIRMED, estimate, seen)
+    return Update(tuple(images), (tracked,), ()), LivePerson.of(tracked)
+
+
+def test_a_picture_and_its_points_are_of_one_moment(tmp_path: Path) -> None:
+    path, every, late = tmp_path / "live.rrd", 10, 2
+    output = ViewerOutput(path, RIG, SKELETON)
+    for number in range(110):
+        # It is there before its people are; its brightness says which one it is.
+        for name in RIG.names if number % every == 5 and number < 70 else ():
+            output.show_image(name, picture(number), START_S + number / RATE_HZ)
+        of = number - late
+        if of < 0:
+            continue
+        seen, person = walking_update(of)
+        output.observe(seen)
+        time_s = START_S + of / RATE_HZ
+        cameras = tuple(CameraStatus(name, CameraState.OK, n_used=1) for name in RIG.names)
+        people = () if person is None else (person,)
+        publish(output, LiveFrame(of, time_s, time_s + 0.05, SKELETON, people, cameras, 1.0))
+    output.close()
+    pictures = rows(path, "/world/camera/cam_2/image/picture", "EncodedImage:blob")
+    assert len(pictures) == 7
+    detected = rows(path, "/world/camera/cam_2/image/detections", "Points2D:positions")
+    reprojected = rows(path, f"/world/camera/cam_2/image/reprojections/person_{PERSON}", "Points2D:positions")
+    for frame_number, (time_s, [blob]) in pictures.items():
+        image = np.asarray(cv2.imdecode(np.frombuffer(bytes(blob), np.uint8), cv2.IMREAD_COLOR))
+        taken = round(float(np.median(image)))
+        assert taken % every == 5
+        assert frame_number == taken
+        assert time_s == pytest.approx(START_S + taken / RATE_HZ, abs=TIME_TOLERANCE_S)
+        # Undistorting twice, in single precision.
+        expected_px = RIG.project(body_m() + np.array([WALK_MPS * (taken / RATE_HZ - 1.0), 0.0, 2.0]))[1]
+        if taken <= 60:
+            np.testing.assert_allclose(detected[taken][1], expected_px, atol=10 * PIXEL_TOLERANCE)
+            np.testing.assert_allclose(reprojected[taken][1], expected_px, atol=10 * PIXEL_TOLERANCE)
+    # Between pictures the points stay as the picture does; who goes is taken out at once.
+    first, last = min(pictures), max(pictures)
+    assert [n for n in detected if first <= n < last] == [n for n in pictures if n < last]
+    shown_points = {number: bool(value) for number, (_, value) in reprojected.items() if number >= first}
+    assert [number for number, is_there in shown_points.items() if is_there] == [n for n in pictures if n <= 60]
+    assert not shown_points[61]
+    # The scene has all frames.
+    assert set(rows(path, f"/world/person_{PERSON}/joints", "Points3D:positions")) >= set(range(61))
+
+
 class Blocked(ViewerProcess):
     """Shows frames when it is let."""
 
@@ -248,14 +311,14 @@ def test_what_a_viewer_that_hangs_missed_is_bounded(opened: Callable[..., list[A
     for number in range(1000):
         event = TrackEvent(0.0, number, "confirmed", "")
         output.observe(replace(update(number), events=(event,)))
-        output.show_image("cam_1", picture(number % 256))
-        output.publish(frame(number, ()))
+        output.show_image("cam_1", picture(number % 256), START_S + number / 10)
+        output.publish(replace(frame(number, ()), time_s=START_S + number / 10))
     process.free.set()
     wait_until(lambda: output.state.n_published == 2)
     output.close()
     last = process.shown[-1]
     assert [image.time_s for image in last.images] == [START_S + 99.9] * 2
-    assert last.pictures["cam_1"][0, 0, 0] == 999 % 256
+    assert last.pictures["cam_1"].picture.image_rgb[0, 0, 0] == 999 % 256
     assert [event.person for event in last.events] == list(range(800, 1000))
 
 
