@@ -25,8 +25,8 @@ _KEYPOINTS = (
     "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); or one file of fgpose (npz, parquet), or of FreeMoCap (npy)."
 )
 _SKELETON = (
-    "What the joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, smpl_24, or your "
-    "own TOML file."
+    "What the joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, mhr_70, smpl_24, or "
+    "your own TOML file."
 )
 _PEOPLE = (
     "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
