@@ -22,7 +22,8 @@ Format = Literal["parquet", "npz", "csv", "trc", "c3d", "rrd"]
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _KEYPOINTS = (
     "Detected joints: a folder that holds for each camera a folder of JSON files (OpenPose, MMPose) or one file "
-    "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); or one file of fgpose (npz, parquet), or of FreeMoCap (npy)."
+    "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); either of SAM 3D Body or NLF (npz, JSON, pickle, pt); or one file "
+    "of fgpose (npz, parquet), or of FreeMoCap (npy)."
 )
 _SKELETON = (
     "What the joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, mhr_70, smpl_24, or "
