@@ -141,6 +141,6 @@ def as_array(value: Any) -> np.ndarray | None:
     if array.dtype.kind == "O" and array.size:
         try:
             return array.astype(float)  # lists with null are objects
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, OverflowError):
             return None
     return array if array.dtype.kind in "fiu" else None
