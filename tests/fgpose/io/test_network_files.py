@@ -198,6 +198,30 @@ def test_joints_that_belong_to_other_pixels_are_refused(tmp_path: Path, rig: Cam
     assert str(e.value).startswith(str(tmp_path))
 
 
+def test_what_is_no_number_is_left_out(tmp_path: Path, rig: CameraRig) -> None:
+    """Of one camera all 3D, of the others that of one image; a focal length that is none is as if it were not there."""
+    for camera in rig.cameras:
+        people = sam3d_people(TRUTH_M, camera)
+        for frame, person in enumerate(people):
+            person["focal_length"] = np.float32(-1.0 if frame else np.nan)
+            if camera is rig.cameras[0] or frame == 1:
+                person["pred_keypoints_3d"] = np.full((70, 3), np.nan, np.float32)
+        save_pickle(people, tmp_path / f"{camera.name}.pkl")
+    observations, said = load(tmp_path, rig)
+    np.testing.assert_allclose(observations.points2d_px, rig.project(TRUTH_M), atol=1e-2)
+    assert observations.points3d_m is not None
+    known = np.isfinite(observations.points3d_m).all(axis=(2, 3))
+    np.testing.assert_array_equal(known, np.outer(np.arange(N_FRAMES) != 1, np.arange(rig.n_cameras) != 0))
+    assert not any("focal" in each for each in said)
+    for camera in rig.cameras:
+        people = sam3d_people(TRUTH_M, camera)
+        for person in people:
+            person["pred_keypoints_3d"] = np.full((70, 3), np.nan, np.float32)
+        save_pickle(people, tmp_path / f"{camera.name}.pkl")
+    with pytest.raises(ValueError, match="none of the 3D joints of SAM 3D Body is a number"):
+        load(tmp_path, rig)
+
+
 def test_joints_beyond_the_border_are_no_detections(tmp_path: Path, rig: CameraRig) -> None:
     away_m = TRUTH_M + np.array([0.0, 0.0, 1.7])
     for camera in rig.cameras:

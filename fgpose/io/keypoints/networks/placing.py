@@ -86,11 +86,14 @@ def placed(
     if all(camera.size_px == UNKNOWN_SIZE_PX for camera in rig.cameras):
         return _flat(cameras, rig, fps)
     unit_m, of_unit = _unit_m(cameras)
-    bodies = {
+    all_bodies = {
         camera.name: _bodies(camera, images, unit_m)
         for camera, images in zip(rig.cameras, cameras, strict=True)
         if is_of_network([images])
     }
+    bodies = {name: each for name, each in all_bodies.items() if len(each.joints_m)}
+    if not bodies:
+        raise ValueError(f"none of the 3D joints of {_networks(cameras)} is a number")
     way, of_way = _way(bodies)
     solving = _Solving(skeleton, unit_m, way is _IN_WORLD)
     images = tuple(
@@ -124,12 +127,15 @@ def _networks(cameras: Sequence[CameraDetections]) -> str:
 
 def _unit_m(cameras: Sequence[CameraDetections]) -> tuple[float, tuple[str, ...]]:
     """How many metres a unit of the file is: a body tells it by its size."""
-    extents = []
-    for images in cameras:
-        for image in images.values():
-            if image.of_network is not None and image.points3d is not None:
-                extents += [np.ptp(joints[np.isfinite(joints).all(axis=1)], axis=0) for joints in image.points3d]
-    extent = float(np.median([np.linalg.norm(each) for each in extents]))
+    extents = [
+        np.linalg.norm(np.ptp(joints[known], axis=0))
+        for images in cameras
+        for image in images.values()
+        if image.of_network is not None and image.points3d is not None
+        for joints in image.points3d
+        if (known := np.isfinite(joints).all(axis=1)).any()
+    ]
+    extent = float(np.median(extents)) if extents else 0.0
     if extent < _MAX_BODY:
         return 1.0, ()
     return 1e-3, (f"bodies measure {extent:.0f} in the files: their 3D joints are taken as millimetres",)
@@ -143,12 +149,14 @@ def _bodies(camera: Camera, images: CameraDetections, unit_m: float) -> _Bodies:
         assert image.points3d is not None
         return image.points3d * unit_m
 
+    joints_m, points_px = all_people(points3d), all_people(lambda image, _: image.points2d_px)
+    known = np.isfinite(joints_m).all(axis=-1).any(axis=-1)
     return _Bodies(
         camera,
-        all_people(points3d),
-        all_people(lambda image, _: image.points2d_px),
-        all_people(lambda _, joints: joints.translation * unit_m),
-        all_people(lambda _, joints: joints.focal_px),
+        joints_m[known],
+        points_px[known],
+        all_people(lambda _, joints: joints.translation * unit_m)[known],
+        all_people(lambda _, joints: joints.focal_px)[known],
     )
 
 
@@ -208,7 +216,7 @@ def _focal_remarks(bodies: Mapping[str, _Bodies], way: _Given) -> tuple[str, ...
     """What to say of cameras whose focal length the network took to be another."""
     others, ratios = [], []
     for name, each in bodies.items():
-        stated = each.focal_px[np.isfinite(each.focal_px)]
+        stated = each.focal_px[np.isfinite(each.focal_px) & (each.focal_px > 0)]
         assumed_px = float(np.median(stated)) if stated.size else _fit(each, way)[0]
         ratio = assumed_px / _calibrated_px(each.camera)
         if abs(np.log(ratio)) > np.log(_MAX_STATED_RATIO if stated.size else _MAX_FITTED_RATIO):
