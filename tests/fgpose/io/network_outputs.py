@@ -159,6 +159,10 @@ def save_npz(document: dict[str, Any], path: Path) -> None:
     np.savez(path, allow_pickle=False, **document)
 
 
+def save_npy(document: Any, path: Path) -> None:
+    np.save(path, np.array(document, dtype=object), allow_pickle=True)
+
+
 Save = Callable[[Any, Path], None]
 SAVES: dict[str, tuple[str, Save]] = {
     "pickle": (".pkl", save_pickle),
@@ -166,4 +170,5 @@ SAVES: dict[str, tuple[str, Save]] = {
     "torch arrays": (".pth", lambda document, path: save_torch(document, path, tensors=False)),
     "json": (".json", save_json),
     "objects in npz": (".npz", save_objects),
+    "objects in npy": (".npy", save_npy),
 }
