@@ -8,7 +8,7 @@ from pathlib import Path
 from fgpose.io.content import first_bytes
 from fgpose.io.keypoints.deeplabcut import is_deeplabcut
 from fgpose.io.keypoints.freemocap import is_freemocap
-from fgpose.io.keypoints.networks.network_files import binary_files, is_of_network
+from fgpose.io.keypoints.networks.network_files import is_binary, is_of_network
 from fgpose.io.names import camera_name, not_hidden, visible
 
 # How far below a folder without keypoints they are looked for.
@@ -67,7 +67,8 @@ def _found(path: Path) -> list[Path]:
     files = [entry for entry in entries if entry.is_file()]
     tables = [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
     found = [*folders, *(file for file in files if file.suffix in (".json", ".npz"))] or tables
-    return found or [file for file in binary_files(path) if is_of_network(file)]
+    # Weights and other pickles lie beside keypoints of other programs.
+    return found or [source for source in entries if source.is_dir() or is_binary(source) if is_of_network(source)]
 
 
 def _in_folder(folder: Path) -> list[Path]:
@@ -77,11 +78,9 @@ def _in_folder(folder: Path) -> list[Path]:
     whole = [file for file in documents if file.stem.casefold() == "alphapose-results"]
     if whole:
         return whole
-    if documents and not _is_of_whole_camera(documents[0]):
+    if documents and (not _is_of_whole_camera(documents[0]) or (len(documents) > 1 and is_of_network(folder))):
         return [folder]
     tables = [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
-    if not documents and not tables:
-        return [folder] if is_of_network(folder) else []
     # Of several cameras: they are found when the folder itself is given.
     several = len({camera_name(file.stem) for file in documents or tables}) > 1
     return [] if several else documents or tables

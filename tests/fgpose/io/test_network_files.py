@@ -32,6 +32,7 @@ from fgpose.io.keypoints import keypoint_cameras, load_observations, load_people
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_trajectory
 from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
 
 COCO = load_skeleton("coco_17")
 TRUTH_M = body_m(MHR.joints)
@@ -283,6 +284,37 @@ def test_nlf_in_millimetres_and_metres(
     trace = np.trace(observations.covariance3d_m2, axis1=-2, axis2=-1)
     # The depth of the whole body is unsure by 4.5 % of 4.5 m, 0.2 m; that of the wrists by 0.2 and 0.05 m more.
     assert (trace[..., wrist] - trace[..., other] > 0.5 * (0.2**2 - 0.05**2)).all()
+
+
+@pytest.mark.parametrize("form", ["pickle", "npz", "json"])
+def test_nlf_of_joints_that_were_asked_for(tmp_path: Path, rig: CameraRig, form: str) -> None:
+    """As estimate_poses_batched returns them: without the uncertainties they are MeTRAbs's."""
+    truth_m = TRUTH_M[:, :20]
+    skeleton = Skeleton("twenty", MHR.joints[:20], bones=((0, 1),), root=(0,))
+    suffix, save = {**SAVES, "npz": (".npz", save_npz)}[form]
+    for camera in rig.cameras:
+        document = {
+            "poses3d": 1000 * camera.to_camera_frame(truth_m)[:, None],
+            "poses2d": camera.project(truth_m)[:, None],
+            "uncertainties": np.full((N_FRAMES, 1, 20), 0.1),
+        }
+        save(document, tmp_path / f"{camera.name}{suffix}")
+    observations, _ = load(tmp_path, rig, skeleton)
+    assert_true(observations, rig, truth_m)
+    np.testing.assert_allclose(observations.confidence, 0.5)
+
+
+def test_other_files_beside_keypoints_are_left_alone(tmp_path: Path, rig: CameraRig) -> None:
+    """Weights in a folder of their own, and images as JSON that say their number themselves."""
+    (tmp_path / "weights").mkdir()
+    save_torch({"layer": np.zeros((3, 3))}, tmp_path / "weights" / "model.pt")
+    for camera in rig.cameras:
+        (tmp_path / camera.name).mkdir()
+        for frame, person in enumerate(sam3d_people(TRUTH_M, camera)):
+            document = {"frame_id": frame, "people": [person]}
+            SAVES["json"][1](document, tmp_path / camera.name / f"{frame:06d}.json")
+    observations, _ = load(tmp_path, rig)
+    assert_true(observations, rig)
 
 
 # What is refused

@@ -33,13 +33,15 @@ def is_of_network(source: Path) -> bool:
         return is_document_of_network(largest, MARKS)
 
 
-def binary_files(folder: Path) -> list[Path]:
-    """The files of a folder that may be such and are no JSON, in natural order."""
-    return [path for path in not_hidden(folder.iterdir()) if path.is_file() and path.suffix.lower() in _BINARY]
+def is_binary(path: Path) -> bool:
+    """Whether a path may be such a file and is no JSON, by its name."""
+    return path.suffix.lower() in _BINARY and path.is_file()
 
 
 def _files(source: Path) -> list[Path]:
-    return (not_hidden(source.glob("*.json")) or binary_files(source)) if source.is_dir() else [source]
+    if not source.is_dir():
+        return [source]
+    return not_hidden(source.glob("*.json")) or list(filter(is_binary, not_hidden(source.iterdir())))
 
 
 def read(source: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections, str | None]:

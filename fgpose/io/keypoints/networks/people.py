@@ -41,8 +41,8 @@ USED_KEYS = tuple(
     sorted({key for each in NETWORKS for key in vars(each).values() if key and key != each.name} | {*_FRAME_KEYS})
 )
 """The arrays of an npz that are read."""
-MARKS = tuple(each.joints3d for each in NETWORKS if each.joints3d != "poses3d")
-"""An npz that has one of these is of such a network. (poses3d and poses2d alone are MeTRAbs's.)"""
+MARKS = tuple({each.sigma if each.joints3d == "poses3d" else each.joints3d for each in NETWORKS})
+"""A file that has one of these is of such a network. (poses3d and poses2d alone are MeTRAbs's.)"""
 _DEEPEST = 6  # a person in an image in a list in a table in an array of objects
 
 # In metres no network is that unsure of half of the joints, in millimetres each is.
