@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.association.pose_filter import SIGMA_M, Expected, RayResidual
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.view_depth import RELATIVE_SIGMA, ViewDepth
+from fgpose.geometry.per_view.view_depth import RELATIVE_SIGMA, ViewDepth
 from fgpose.people_observations import Detections
 
 # So many joints of a detection belong to another person, or to nothing, though the others are right.

@@ -24,7 +24,8 @@ DEFAULT_FORMATS: tuple[Format, ...] = ("parquet", "trc", "rrd")
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _KEYPOINTS = (
     "Detected joints: a folder that holds for each camera a folder of JSON files (OpenPose, MMPose) or one file "
-    "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); or one file of fgpose (npz, parquet), or of FreeMoCap (npy)."
+    "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); either of SAM 3D Body or NLF (npz, JSON, pickle, pt); or one file "
+    "of fgpose (npz, parquet), or of FreeMoCap (npy)."
 )
 _SKELETON = (
     "What the joints are, where the keypoints do not say it: a name that fgpose skeletons lists (body_25, coco_17, "

@@ -54,6 +54,10 @@ def is_of_another_size(camera: Camera) -> bool:
     return bool(np.abs(share).max() > _MAX_OFF_CENTRE or of_both > _MAX_OFF_BOTH)
 
 
+UNKNOWN_SIZE_PX = (1, 1)
+"""Of the images of cameras of which nothing but the names is known."""
+
+
 def guessed_intrinsics(
     names: Sequence[str], sizes_px: Sequence[tuple[int, int]], focal_px: float | None = None
 ) -> CameraRig:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.keypoints.image_files import frame_numbers
-from fgpose.io.names import visible
+from fgpose.io.names import frame_numbers, visible
 from fgpose.monocular.network import Image
 from fgpose.plain_files import MAX_IMAGE_PX, check_plain, open_plain
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fgpose.geometry.camera import Camera
-from fgpose.monocular.absolute import AbsolutePose
+from fgpose.geometry.per_view.absolute_pose import AbsolutePose
 from fgpose.skeleton import Skeleton
 
 Image = UInt8[np.ndarray, "height width 3"]

@@ -21,6 +21,7 @@ from fgpose_benchmarks.synthetic import (
     ring_rig,
     simulate_crowd,
 )
+from tests.fgpose.io.network_outputs import MHR, body_m, sam3d_people, save_pickle
 
 # Of the real recording: enough for somebody to be confirmed by their motion, and for offsets to be estimated.
 N_FRAMES = 30
@@ -28,7 +29,7 @@ ROOM_FPS = 30.0
 
 
 def make_sandbox(folder: Path) -> None:
-    """Calib.toml, pose/ and mocap.trc; a study in S01/ and events.csv; Room.toml, room/ and truth.parquet."""
+    """Calib.toml, pose/ and mocap.trc; a study in S01/ and events.csv; Room.toml, room/ and truth.parquet; sam3d/."""
     rig, observations = fgpose.files.load_recording("balance_openpose")
     observations = observations.frames(slice(0, N_FRAMES))
     fgpose.save_rig(rig, folder / "Calib.toml")
@@ -51,6 +52,11 @@ def make_sandbox(folder: Path) -> None:
         write_openpose(folder / "room" / f"{image.camera}_json", round(image.time_s * ROOM_FPS), people)
     frame_s = np.unique([image.time_s for image in scene.observations.images])
     fgpose.files.save_people(scene.truth(frame_s), folder / "truth.parquet")
+
+    for camera in scene.rig.cameras:
+        (folder / "sam3d" / camera.name).mkdir(parents=True)
+        for frame, person in enumerate(sam3d_people(body_m(MHR.joints, 10), camera)):
+            save_pickle([person], folder / "sam3d" / camera.name / f"{frame:06d}.pkl")
 
 
 def room() -> CrowdScene:

@@ -71,6 +71,18 @@ PUBLISHED = {
         20: "left_big_toe",
         25: "right_heel",
     },
+    "mhr_70": {
+        0: "nose",
+        9: "left_hip",
+        14: "right_ankle",
+        20: "right_heel",
+        21: "right_thumb_tip",
+        40: "right_pinky_mcp",
+        41: "right_wrist",
+        45: "left_thumb_cmc",
+        62: "left_wrist",
+        69: "neck",
+    },
     "smpl_24": {
         0: "pelvis",
         1: "left_hip",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, AnsweringNetwork, DetectionNoise, Occlusion
 
-Family = Literal["standard", "lasting", "snapping", "real", "confidence", "noise", "fast"]
+Family = Literal["standard", "lasting", "snapping", "real", "confidence", "noise", "fast", "network"]
 Layout = Literal["ring", "tilted"]
 Offsets = Literal["none", "frames", "subframe"]
 
@@ -41,6 +41,8 @@ class Variant:
     """One camera, another than the bumped, sees nothing for 2 s (a third of a shorter clip)."""
     real: tuple[str, ...] = ()
     """Sources of real detection errors (data/detection_errors), of which each clip draws one; none: noise."""
+    network: AnsweringNetwork | None = None
+    """The joints, with these errors, as a network gives them that always answers; None: of a detector."""
 
 
 _OCCLUDED = Occlusion()
@@ -102,6 +104,10 @@ def _with_two_cameras(*variants: Variant) -> tuple[Variant, ...]:
         )
     )
 
+
+# Its 3D lies on the rays of its 2D, and no joint is missing.
+_OF_NETWORK = DetectionNoise(lateral_m=0.0)
+_ALWAYS_ANSWERED = Occlusion(missing_share=0.0)
 
 _OTHERS = _with_two_cameras(
     Variant(
@@ -186,6 +192,23 @@ _OTHERS = _with_two_cameras(
         fps=50.0,
         speed=3.0,
         occlusion=_OCCLUDED,
+    ),
+    Variant(
+        "network",
+        "As occluded, from a network that answers for hidden joints too and states no confidence, whose 2D is the "
+        "projection of its 3D, and that takes the person for too tall or too small, the same in all views",
+        "network",
+        noise=_OF_NETWORK,
+        occlusion=_ALWAYS_ANSWERED,
+        network=AnsweringNetwork(),
+    ),
+    Variant(
+        "network_other_focal",
+        "As network, with a focal length that is taken to be a quarter longer than it is",
+        "network",
+        noise=_OF_NETWORK,
+        occlusion=_ALWAYS_ANSWERED,
+        network=AnsweringNetwork(focal_ratio=1.25),
     ),
 )
 

@@ -23,6 +23,7 @@ from fgpose_benchmarks.accuracy.families import Layout, Variant
 from fgpose_benchmarks.accuracy.families import find_variant as find_variant
 from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.synthetic import RealErrors, Scene, embedded_motion, real_errors, ring_rig, simulate
+from fgpose_benchmarks.synthetic.answering_network import as_read
 
 VERSION = 2
 """Results of one version can be compared. Whatever changes a recording is a new version."""
@@ -86,6 +87,9 @@ def record(variant: Variant, clip: str, max_frames: int = MAX_FRAMES) -> Benchma
     scene, on_time = seen(offsets_s), seen(np.zeros(rig.n_cameras))
     hidden = on_time.occluded | away[..., None]
     known = _without(on_time.observations, hidden)
+    if variant.network is not None:
+        read = as_read(scene.observations, true_rig, variant.network, _seed(clip, "stature"))
+        scene = replace(scene, observations=read)
     delivered = _without(moved_with_cameras(scene.observations, true_rig, rig), away[..., None] | np.zeros_like(hidden))
     return BenchmarkRecording(
         clip=clip,

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.calibration.numpy_pickle import read_dictionary
+from fgpose.io.pickles import read_dictionary
 from fgpose.io.skeletons import load_skeleton
 from fgpose.plain_files import naming
 

@@ -13,6 +13,7 @@ Where the cameras are not calibrated (uncalibrated), each has a clock of its own
 and the joints have a bias that depends on the side from which the body is seen.
 """
 
+from fgpose_benchmarks.synthetic.answering_network import AnsweringNetwork as AnsweringNetwork
 from fgpose_benchmarks.synthetic.crowd.bodies import Furniture as Furniture
 from fgpose_benchmarks.synthetic.crowd.errors import NO_CROWD_ERRORS as NO_CROWD_ERRORS
 from fgpose_benchmarks.synthetic.crowd.errors import CameraTimes as CameraTimes

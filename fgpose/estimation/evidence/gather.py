@@ -16,8 +16,8 @@ from fgpose.estimation.evidence.plausibility import Bodies, far_outside_images
 from fgpose.estimation.evidence.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
+from fgpose.geometry.per_view.view_depth import RELATIVE_SIGMA, ViewDepth
 from fgpose.geometry.triangulation import triangulate_robust
-from fgpose.geometry.view_depth import RELATIVE_SIGMA, ViewDepth
 from fgpose.observations import Observations
 from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers, rotation_matrix
-from fgpose.io.calibration.numpy_pickle import unpickled
 from fgpose.io.content import read_content
 from fgpose.io.names import natural_key
+from fgpose.io.pickles import unpickled
 
 FILE_NAME = "cameraIntrinsicsExtrinsics.pickle"
 _MAX_BYTES = 1_000_000

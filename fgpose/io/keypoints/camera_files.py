@@ -20,9 +20,9 @@ from fgpose.io.keypoints.detections import (
     numbers,
     read_json,
 )
-from fgpose.io.keypoints.image_files import MAX_FRAME, frame_numbers, image_format, mmpose_instances
+from fgpose.io.keypoints.image_files import image_format, mmpose_instances
 from fgpose.io.keypoints.joint_names import check_joints
-from fgpose.io.names import camera_name
+from fgpose.io.names import MAX_FRAME, camera_name, frame_numbers
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

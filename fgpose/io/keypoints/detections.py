@@ -30,6 +30,19 @@ class Provenance:
 
 
 @dataclass(frozen=True)
+class NetworkJoints:
+    """What a monocular network says of the 3D joints of the people in an image, beside these; NaN: nothing."""
+
+    network: str
+    translation: Float[np.ndarray, "person 3"]
+    """From the joints to the camera frame, in the unit of points3d."""
+    focal_px: Float[np.ndarray, " person"]
+    """That the network assumed."""
+    sigma_m: Float[np.ndarray, "person joint"]
+    """Its own uncertainty of each joint, metres."""
+
+
+@dataclass(frozen=True)
 class ImageDetections:
     """The people found in one image; NaN = missing, then with confidence 0."""
 
@@ -41,6 +54,8 @@ class ImageDetections:
     """As in the file: its own unit and frame."""
     n_given: int = 0
     """Joints of each person in the file, which may be more than are used; 0: nobody is there."""
+    of_network: NetworkJoints | None = None
+    """Of a monocular network, whose 3D becomes absolute by its 2D; see fgpose.io.keypoints.networks."""
 
 
 CameraDetections = dict[int, ImageDetections]

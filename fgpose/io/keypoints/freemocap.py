@@ -30,7 +30,10 @@ def camera_names(path: Path) -> tuple[str, ...]:
 
 def stated_skeleton(path: Path) -> str | None:
     """MediaPipe's, with hands and face or without; None of other points. Raises ValueError, which names the file."""
-    return "blazepose_33" if _array(path).shape[2] in (_MEDIAPIPE_BODY, *_MEDIAPIPE_WHOLE) else None
+    n_given = _array(path).shape[2]
+    if n_given in _WITH_HANDS:
+        return "holistic_75"
+    return "blazepose_33" if n_given == load_skeleton("blazepose_33").n_joints else None
 
 
 def read(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:

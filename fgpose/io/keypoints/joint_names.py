@@ -25,8 +25,9 @@ _SYNONYMS = {"root": "pelvis", "hip": "pelvis", "midhip": "pelvis"}
 
 @cache
 def _larger_sets() -> dict[int, tuple[str, tuple[str, ...]]]:
-    """Sets of joints with face and hands, by their number: the name, and the joints of the body, which come first."""
+    """Sets of joints with face and hands, by their number: the name, and the joints known here, which come first."""
     return {
+        70: ("MHR70", load_skeleton("mhr_70").joints),
         133: ("COCO-WholeBody", (*load_skeleton("coco_17").joints, *_FEET)),
         135: ("BODY_135", load_skeleton("body_25b").joints),
         136: ("Halpe with face and hands", load_skeleton("halpe_26").joints),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +15,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.formats import KeypointFormat, recognised
 from fgpose.io.keypoints import camera_files, freemocap, image_files, live_files, people_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
+from fgpose.io.keypoints.networks import network_files, placing
 from fgpose.io.keypoints.scores import as_confidences, without_zeros
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
 from fgpose.io.names import match_cameras
@@ -56,6 +56,8 @@ def load_observations(
       OpenPose or MMPose; the frame number is that in the file name which counts.
     - A folder with one file per camera (``cam01.json``, or a folder that holds it), of MMPose, COCO results, AlphaPose,
       DeepLabCut (csv) or MeTRAbs (JSON or npz). DeepLabCut's joints are found by their names.
+    - Either of these of SAM 3D Body or NLF: npz, JSON, pickle, or a file of torch.save (pt). Nothing in them is run.
+      Their 3D becomes absolute by their 2D and the calibration, see fgpose.io.keypoints.networks.placing.
     - FreeMoCap's 2D points (npy), of whose cameras the order is that of the calibration.
     - A recording written by save_observations or save_people_observations, npz or parquet.
     - The recording of a live system; its times count from its beginning.
@@ -75,6 +77,7 @@ def load_observations(
         person: of several people, consistent takes the one who is seen most, as views and frames agree; a number
             takes that entry of every image; a region takes the person who is in it.
         points3d_frame: frame of the 3D joints of MeTRAbs: of each camera, or of the world if it was given extrinsics.
+            Of other networks it is found, and so is the unit.
         points3d_unit: their unit.
         ignore_other_cameras: whether there may be keypoints of cameras that the rig lacks.
 
@@ -164,10 +167,15 @@ def _read(
         return live_files.read(path, rig, skeleton)
     cameras, remarks = _read_cameras(path, skeleton)
     own = _in_order(cameras, rig, ignore_other_cameras) if freemocap_file(path) is None else _by_place(cameras, rig)
-    people = _people(own, rig, skeleton, _needed(fps), points3d_frame, points3d_unit)
+    frames_of_file = _matched_frames(own, rig, _needed(fps))
+    if placing.is_of_network(own):
+        images, of_network = placing.placed(own, rig, skeleton, _needed(fps))
+        remarks += tuple(f"{path}: {remark}" for remark in of_network)
+    else:
+        images = _images(own, rig, _needed(fps), points3d_frame, points3d_unit)
     for remark in remarks:
         warnings.warn(remark, stacklevel=3)
-    return replace(people, remarks=remarks)
+    return PeopleObservations(skeleton, rig.names, images, frames_of_file, remarks=remarks)
 
 
 def _person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
@@ -283,6 +291,7 @@ def _read_each(path: Path, skeleton: Skeleton) -> tuple[dict[str, CameraDetectio
     formats: dict[str, str] = {}
     for name, source in keypoint_sources(path).items():
         reader = image_files if source.is_dir() else camera_files
+        reader = network_files if network_files.is_of_network(source) else reader
         cameras[name], format_name = reader.read(source, name, skeleton)
         if format_name:
             formats[name] = format_name
@@ -307,15 +316,13 @@ def _frame_numbers(cameras: list[CameraDetections], rig: CameraRig) -> np.ndarra
     return present[0] + step * np.arange(n_frames)
 
 
-def _people(
+def _images(
     cameras: list[CameraDetections],
     rig: CameraRig,
-    skeleton: Skeleton,
     fps: float,
     points3d_frame: Points3dFrame,
     points3d_unit: Points3dUnit,
-) -> PeopleObservations:
-    frames_of_file = _matched_frames(cameras, rig, fps)
+) -> tuple[Detections, ...]:
     images = []
     for view, frames in zip(rig.cameras, cameras, strict=True):
         for frame, found in frames.items():
@@ -324,7 +331,7 @@ def _people(
                 points3d = points3d * _METRES[points3d_unit]
                 points3d = view.to_world_frame(points3d) if points3d_frame == "camera" else points3d
             images.append(Detections(view.name, frame / fps, found.points2d_px, found.confidence, points3d))
-    return PeopleObservations(skeleton, rig.names, tuple(images), frames_of_file)
+    return tuple(images)
 
 
 def _matched_frames(cameras: list[CameraDetections], rig: CameraRig, fps: float) -> MatchedFrames:

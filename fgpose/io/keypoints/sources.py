@@ -8,6 +8,7 @@ from pathlib import Path
 from fgpose.io.content import first_bytes
 from fgpose.io.keypoints.deeplabcut import is_deeplabcut
 from fgpose.io.keypoints.freemocap import is_freemocap
+from fgpose.io.keypoints.networks.network_files import is_binary, is_of_network
 from fgpose.io.names import camera_name, not_hidden, visible
 
 # How far below a folder without keypoints they are looked for.
@@ -19,8 +20,6 @@ _OTHERS = {
     ".h5": "HDF5, as of DeepLabCut or SLEAP: give the table instead (csv; in DeepLabCut "
     "analyze_videos_converth5_to_csv)",
     ".slp": "SLEAP: give keypoints as COCO results, or make a recording of fgpose in Python",
-    ".pkl": "pickles, which may run anything when they are read: give JSON or npz",
-    ".pickle": "pickles, which may run anything when they are read: give JSON or npz",
 }
 
 
@@ -67,7 +66,9 @@ def _found(path: Path) -> list[Path]:
     folders = [source for entry in entries if entry.is_dir() for source in _in_folder(entry)]
     files = [entry for entry in entries if entry.is_file()]
     tables = [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
-    return [*folders, *(file for file in files if file.suffix in (".json", ".npz"))] or tables
+    found = [*folders, *(file for file in files if file.suffix in (".json", ".npz"))] or tables
+    # Weights and other pickles lie beside keypoints of other programs.
+    return found or [source for source in entries if source.is_dir() or is_binary(source) if is_of_network(source)]
 
 
 def _in_folder(folder: Path) -> list[Path]:
@@ -77,7 +78,7 @@ def _in_folder(folder: Path) -> list[Path]:
     whole = [file for file in documents if file.stem.casefold() == "alphapose-results"]
     if whole:
         return whole
-    if documents and not _is_of_whole_camera(documents[0]):
+    if documents and (not _is_of_whole_camera(documents[0]) or (len(documents) > 1 and is_of_network(folder))):
         return [folder]
     tables = [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
     # Of several cameras: they are found when the folder itself is given.

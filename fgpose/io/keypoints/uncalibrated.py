@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.intrinsics import guessed_intrinsics
+from fgpose.geometry.intrinsics import UNKNOWN_SIZE_PX, guessed_intrinsics
 from fgpose.io.keypoints import live_files, people_files, recording_files
 from fgpose.io.keypoints.keypoint_files import Points3dUnit, keypoint_cameras, load_people
 from fgpose.io.names import match_cameras, named_cameras
@@ -40,7 +40,8 @@ def load_uncalibrated(
 ) -> PeopleObservations:
     """Everybody in keypoints of any format that load_people reads, of cameras without a calibration.
 
-    Cameras have the names that the keypoints give them, without ``_json``. Per-view 3D is in the frame of each camera.
+    Cameras have the names that the keypoints give them, without ``_json``. Per-view 3D is in the frame of each camera;
+    that of SAM 3D Body and NLF needs the focal length, and is left out.
     That of fgpose's own files is in the world of the calibration that it was made with (fgpose detect --rig), which
     they do not contain: without made_with it is left out.
 
@@ -66,7 +67,7 @@ def load_uncalibrated(
         raise ValueError(f"{path}: one camera ({', '.join(cameras or names)}) cannot be calibrated; two are needed")
     match_cameras(names, names)
     # Of the rig only the names and the poses, the identity, are used.
-    rig = guessed_intrinsics(names, [(1, 1)] * len(names))
+    rig = guessed_intrinsics(names, [UNKNOWN_SIZE_PX] * len(names))
     people = load_people(path, rig, skeleton, fps=fps, points3d_unit=points3d_unit)
     if _is_own(path) and any(image.points3d_m is not None for image in people.images):
         in_cameras = None if made_with is None else _in_camera_frames(people, made_with)

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.per_view.absolute_pose import absolute_pose
 from fgpose.io.skeletons import load_skeleton
-from fgpose.monocular.absolute import absolute_pose
 from fgpose.monocular.network import Image, People, checked_image
 from fgpose.monocular.networks.blazepose_detector import BlazePoseDetector
 from fgpose.monocular.networks.blazepose_landmarks import LandmarkNetwork, Landmarks

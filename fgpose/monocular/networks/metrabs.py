@@ -15,8 +15,13 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.per_view.absolute_pose import (
+    UNSTATED_CONFIDENCE,
+    AbsolutePose,
+    absolute_pose,
+    confidence_of_spread,
+)
 from fgpose.io.skeletons import as_skeleton
-from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.networks.batches import Batches
 from fgpose.monocular.networks.devices import Device
@@ -24,12 +29,6 @@ from fgpose.monocular.networks.sessions import identity, open_session
 from fgpose.monocular.networks.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.networks.yolox import person_detector
 from fgpose.skeleton import Skeleton
-
-CONFIDENCE = 0.5
-"""Confidence of every joint inside the image where there is no augmentation: MeTRAbs itself gives none."""
-# Spread over the augmentations, without shifts of the whole body, at which the confidence is a half. MeTRAbs's own
-# check calls a joint inconsistent from 200 mm on; the confidence is then 0.2.
-_HALF_CONFIDENCE_M = 0.1
 
 # Gamma of the images, and the ranges of the augmentations (gamma, angle, scale) as MeTRAbs has them.
 _GAMMA = 2.2
@@ -160,10 +159,10 @@ class MeTRAbs:
 def agreement(answers_m: Float[np.ndarray, "augmentation joint 3"]) -> Float[np.ndarray, " joint"]:
     """Confidence of each joint: how well the augmentations agree on it, without shifts of the whole body."""
     if len(answers_m) == 1:
-        return np.full(answers_m.shape[1], CONFIDENCE)
+        return np.full(answers_m.shape[1], UNSTATED_CONFIDENCE)
     relative_m = answers_m - answers_m.mean(axis=1, keepdims=True)
     variance_m2 = np.sum(np.var(relative_m, axis=0, ddof=1), axis=-1)
-    return 1 / (1 + variance_m2 / _HALF_CONFIDENCE_M**2)
+    return confidence_of_spread(variance_m2)
 
 
 def _spread_m2(answers_m: Float[np.ndarray, "augmentation joint 3"]) -> Float[np.ndarray, "joint 3 3"]:

@@ -17,9 +17,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.per_view.absolute_pose import AbsolutePose, absolute_pose
 from fgpose.io.skeletons import load_skeleton
 from fgpose.kinematics.proportions import FOREARM, SHANK, THIGH, TRUNK, UPPER_ARM
-from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.networks.devices import Device
 from fgpose.monocular.networks.rtmpose import SimccNetwork, SimccPose

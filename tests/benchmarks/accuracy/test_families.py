@@ -48,7 +48,15 @@ def informed(recording: BenchmarkRecording, joints: list[int]) -> float:
 
 
 def test_every_other_family_is_there_with_four_cameras_and_with_two():
-    assert {variant.family for variant in OTHERS} == {"lasting", "snapping", "real", "confidence", "noise", "fast"}
+    assert {variant.family for variant in OTHERS} == {
+        "lasting",
+        "snapping",
+        "real",
+        "confidence",
+        "noise",
+        "fast",
+        "network",
+    }
     for four, two in zip(OTHERS[::2], OTHERS[1::2], strict=True):
         assert replace(two, name=four.name, description=four.description, n_cameras=4) == four
         assert (two.name, two.n_cameras) == (f"{four.name}_2_cameras", 2)
@@ -312,3 +320,33 @@ def test_fast_recordings_are_as_fast_as_their_name_says():
         assert 2 <= variant.speed <= 4
         assert variant.fps is not None
         assert 25 <= variant.fps <= 60
+
+
+@pytest.mark.parametrize("name", ["network", "network_other_focal"])
+def test_a_network_always_answers_and_states_no_confidence(name: str):
+    recording = record(find_variant(name), CLIP, 60)
+    seen = recording.observations
+    assert seen.seen[recording.occluded].mean() > 0.95  # but for what is out of the image
+    assert set(np.unique(seen.confidence)) <= {0.0, 0.5}
+    assert seen.points3d_m is not None
+    # Each joint lies on the ray of its pixel: the two are one observation.
+    projected_px = np.stack([c.project(seen.points3d_m[:, k]) for k, c in enumerate(recording.rig.cameras)], axis=1)
+    np.testing.assert_allclose(projected_px[seen.seen], seen.points2d_px[seen.seen], atol=1e-6)
+
+
+def test_all_views_of_a_network_share_the_error_of_the_stature():
+    """Without other errors all views put the person farther away by the same share."""
+    shares = []
+    for clip in TUNING_CLIPS:
+        recording = record(replace(find_variant("network"), noise=NO_NOISE, occlusion=Occlusion(n_views=0)), clip, 10)
+        points_m, truth_m = recording.observations.points3d_m, recording.truth_m
+        assert points_m is not None
+        distances = (
+            np.linalg.norm(m - recording.rig.positions_m[:, None], axis=-1) for m in (points_m, truth_m[:, None])
+        )
+        seen_m, true_m = distances
+        share = np.nanmedian(seen_m / true_m, axis=(0, 2)) - 1
+        np.testing.assert_allclose(share, share[0], atol=1e-3)
+        shares.append(share[0])
+    # SD 4.5 %; of four draws the root mean square lies within a factor of three, 99 %.
+    assert 0.015 < np.sqrt(np.mean(np.square(shares))) < 0.09

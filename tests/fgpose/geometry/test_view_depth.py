@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.geometry.view_depth import ViewDepth
+from fgpose.geometry.per_view.view_depth import ViewDepth
 
 CAMERA_M = np.array([1.0, 2.0, 3.0])
 

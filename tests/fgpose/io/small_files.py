@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from network_outputs import Save, sam3d_people, save_json, save_npz, save_objects, save_pickle, save_torch, stacked
 
 from fgpose.association.track import TrackEvent
 from fgpose.config import Config, config_to_toml, load_config
@@ -266,6 +267,19 @@ def _make_metrabs_json(folder: Path) -> None:
 def _make_metrabs_npz(folder: Path) -> None:
     for camera, name in enumerate(rig().names):
         np.savez(folder / f"{name}.npz", **_metrabs(camera))
+
+
+def _save_stacked(people: Any, path: Path) -> None:
+    save_npz(stacked(people), path)
+
+
+def _network(extension: str, save: Save) -> Callable[[Path], None]:
+    def make(folder: Path) -> None:
+        points_m = np.random.default_rng(4).normal([0, 0, 1], 0.5, (N_FRAMES, STICK.n_joints, 3))
+        for camera in rig().cameras:
+            save(sam3d_people(points_m, camera), folder / f"{camera.name}{extension}")
+
+    return make
 
 
 def _read_keypoints(folder: Path) -> Observations:
@@ -567,6 +581,16 @@ FORMATS = {
         Format("freemocap", "bytes", _make_freemocap, _read_keypoints),
         Format("metrabs json", "json", _make_metrabs_json, _read_keypoints),
         Format("metrabs npz", "npz", _make_metrabs_npz, _read_keypoints),
+        Format(
+            "network npz",
+            "npz",
+            _network(".npz", _save_stacked),
+            _read_keypoints,
+        ),
+        Format("network objects", "npz", _network(".npz", save_objects), _read_keypoints),
+        Format("network pickle", "bytes", _network(".pkl", save_pickle), _read_keypoints),
+        Format("network torch", "bytes", _network(".pt", save_torch), _read_keypoints),
+        Format("network json", "json", _network(".json", save_json), _read_keypoints),
         Format("recording npz", "npz", lambda f: save_observations(recording(), f / "seen.npz"), _one(_read_recording)),
         Format(
             "recording parquet",

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fgpose.io.keypoints.image_files import frame_numbers
-from fgpose.io.names import camera_name, match_cameras, seen_cameras
+from fgpose.io.names import camera_name, frame_numbers, match_cameras, seen_cameras
 
 
 @pytest.mark.parametrize(

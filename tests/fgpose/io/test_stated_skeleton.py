@@ -104,15 +104,15 @@ STATED = {
     "MMPose, names": (of_each_camera(mmpose(HALPE)), 26, "halpe_26"),
     "MMPose, data set": (of_each_camera(mmpose({"dataset_name": "h36m"})), 17, "h36m_17"),
     "FreeMoCap": (write_freemocap, 33, "blazepose_33"),
-    "FreeMoCap, with hands and face": (write_freemocap, 553, "blazepose_33"),
+    "FreeMoCap, with hands and face": (write_freemocap, 553, "holistic_75"),
     "DeepLabCut": (write_deeplabcut, 17, "coco_17"),
 }
 BY_NUMBER = {
     "OpenPose of Pose2Sim": (write_openpose, 26, "halpe_26"),
     "OpenPose of 17": (write_openpose, 17, "coco_17"),
-    "OpenPose of 136": (write_openpose, 136, "halpe_26"),
+    "OpenPose of 136": (write_openpose, 136, "halpe_136"),
     "MMPose images": (write_mmpose_images, 26, "halpe_26"),
-    "MMPose": (of_each_camera(mmpose(None)), 133, "coco_17"),
+    "MMPose": (of_each_camera(mmpose(None)), 133, "coco_wholebody_133"),
     "COCO results": (of_each_camera(coco_results), 17, "coco_17"),
 }
 NOT_SAID = {

@@ -167,6 +167,7 @@ def test_a_recording_without_frames_has_angles_without_frames() -> None:
         ("h36m_17", False, False),
         ("h36m_17_lt", False, False),
         ("halpe_26", True, True),
+        ("mhr_70", True, True),
         ("smpl_24", False, False),
     ],
 )

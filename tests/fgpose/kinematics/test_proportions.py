@@ -11,7 +11,7 @@ from fgpose.kinematics.proportions import shares_of_stature
 from fgpose_benchmarks.synthetic import motion_from_npz
 from tests.conftest import MOCAP
 
-SKELETONS = ("blazepose_33", "body_25", "body_25b", "coco_17", "h36m_17", "h36m_17_lt", "halpe_26", "smpl_24")
+SKELETONS = ("blazepose_33", "body_25", "body_25b", "coco_17", "h36m_17", "h36m_17_lt", "halpe_26", "mhr_70", "smpl_24")
 
 
 @pytest.mark.parametrize("name", SKELETONS)

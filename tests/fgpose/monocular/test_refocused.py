@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.per_view.absolute_pose import absolute_pose
 from fgpose.io.skeletons import load_skeleton
-from fgpose.monocular.absolute import absolute_pose
 from fgpose.monocular.detected import refocused
 from fgpose.monocular.network import People
 from fgpose_benchmarks.synthetic import ring_rig, walking

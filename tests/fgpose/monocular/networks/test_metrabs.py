@@ -10,8 +10,9 @@ import topdown_networks as tiny
 from topdown_networks import FLOAT, FLOAT16, Boxes, Graph
 
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.per_view.absolute_pose import UNSTATED_CONFIDENCE
 from fgpose.monocular.network import Network
-from fgpose.monocular.networks.metrabs import CONFIDENCE, MeTRAbs, agreement, augmentations
+from fgpose.monocular.networks.metrabs import MeTRAbs, agreement, augmentations
 from fgpose.skeleton import Skeleton
 
 # Colours that no gamma changes.
@@ -112,7 +113,7 @@ def test_absolute_joints_wherever_the_person_stands(tmp_path: Path, root_m: tupl
     assert np.isfinite(people.covariance_m2).all()
     assert people.problems == ("",)
     if num_aug == 1:
-        assert (people.confidence == CONFIDENCE).all()
+        assert (people.confidence == UNSTATED_CONFIDENCE).all()
     else:
         assert (people.confidence > 0.99).all()  # they agree to a few millimetres
 
@@ -334,7 +335,7 @@ def test_confidence_is_the_agreement_of_the_augmentations_shifts_of_the_whole_bo
     # Its own standard deviation is 0.1 * sqrt(4/3), less a share of 1/11 that moves the mean of the body.
     assert confidence[5] == pytest.approx(1 / (1 + 4 / 3 * (10 / 11) ** 2))
     assert (np.delete(confidence, 5) > 0.98).all()
-    assert (agreement(BODY_M[None]) == CONFIDENCE).all()
+    assert (agreement(BODY_M[None]) == UNSTATED_CONFIDENCE).all()
 
 
 def test_disagreeing_augmentations_are_seen_in_confidence_and_covariance(tmp_path: Path):

@@ -61,6 +61,10 @@ _MAX_FIT_RATIO = 4 * _FIT_RATIO
 """Beyond it the pose is reported as a poor fit. Lower, unusual poses are reported too."""
 _MIN_DEPTH_M = 0.1
 """No network sees a person who is nearer."""
+UNSTATED_CONFIDENCE = 0.5
+"""Of every joint inside the image where a network states none."""
+# MeTRAbs's own check calls a joint inconsistent from a spread of 200 mm on; the confidence is then 0.2.
+_HALF_CONFIDENCE_M = 0.1
 # Half a millimetre is far below the standard deviation of any translation.
 _ITERATIONS = 10
 _CONVERGED_M = 5e-4
@@ -103,6 +107,9 @@ def absolute_pose(
     confidence: Float[np.ndarray, " joint"],
     camera: Camera,
     skeleton: Skeleton | None = None,
+    *,
+    depth_sigma_m: Float[np.ndarray, " joint"] | None = None,
+    landmarks_are_projections: bool = False,
 ) -> AbsolutePose:
     """Absolute joints and their covariance in the camera frame from root-relative ones and their landmarks.
 
@@ -113,6 +120,9 @@ def absolute_pose(
         camera: the camera of the image.
         skeleton: tells which joints find the translation (hips, shoulders, limbs) and how well the depth of each is
             known. Without it all have the same weight.
+        depth_sigma_m: SD of the depth of each joint relative to the body, where the network itself states it.
+        landmarks_are_projections: whether they are the network's own projection of the same joints. Their agreement
+            then says nothing of how good either is, and the fit counts as the usual one.
 
     Returns:
         AbsolutePose; a missing joint is NaN, all are NaN if no translation can be found, and problem then says why.
@@ -120,6 +130,7 @@ def absolute_pose(
     n_joints = len(relative_m)
     u = (camera.undistort(points2d_px) - camera.K[:2, 2]) / np.diag(camera.K)[:2]
     sigma_m, solves = _depth_sigmas(skeleton, n_joints)
+    sigma_m = sigma_m if depth_sigma_m is None else depth_sigma_m
     known = np.isfinite(relative_m).all(axis=1) & np.isfinite(u).all(axis=1) & (confidence > 0)
     trusted = known & solves & (confidence >= _MIN_CONFIDENCE)
     inside = _inside(points2d_px, camera)
@@ -128,7 +139,8 @@ def absolute_pose(
     if used.sum() < _MIN_JOINTS:
         few = f"few joints: {used.sum()} of {solves.sum()} are seen, {_MIN_JOINTS} are needed"
         return AbsolutePose.missing(n_joints, cut or few)
-    found = _translation(relative_m[used], u[used], confidence[used], sigma_m[used])
+    least_ratio = _FIT_RATIO if landmarks_are_projections else 0.0
+    found = _translation(relative_m[used], u[used], confidence[used], sigma_m[used], least_ratio)
     depth_m = relative_m[:, 2] + found.t_m[2]
     failure = _failure(found, float(np.mean(depth_m[used])))
     if failure:
@@ -141,6 +153,11 @@ def absolute_pose(
         np.where(known[:, None, None], covariance_m2, np.nan),
         cut or _poor_fit(found),
     )
+
+
+def confidence_of_spread(variance_m2: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
+    """Confidence of joints of whose positions a network tells the variance: a half at a spread of 0.1 m."""
+    return 1 / (1 + variance_m2 / _HALF_CONFIDENCE_M**2)
 
 
 @cache
@@ -177,6 +194,7 @@ def _translation(
     u: Float[np.ndarray, "joint 2"],
     confidence: Float[np.ndarray, " joint"],
     sigma_m: Float[np.ndarray, " joint"],
+    least_ratio: float,
 ) -> _Translation:
     """Weighted least squares of t_xy - u t_z = u X_z - X_xy, re-weighted (Cauchy) with the residuals' own scale."""
     target_m = relative_m[:, 2:] * u - relative_m[:, :2]
@@ -190,6 +208,7 @@ def _translation(
             break
     n, (_, ratio) = len(u), _residuals(target_m, u, t_m, sigma_m)
     ratio = np.sqrt((n * ratio**2 + _FIT_PRIOR_JOINTS * _FIT_RATIO**2) / (n + _FIT_PRIOR_JOINTS))
+    ratio = max(ratio, least_ratio)
     return _Translation(t_m, float(ratio), float(ratio / np.sqrt(spread)))
 
 

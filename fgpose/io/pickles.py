@@ -1,5 +1,5 @@
-"""Pickles of plain values and NumPy arrays, and the object arrays of .npy files, which are pickles, read without
-running what else a pickle may contain."""
+"""Pickles of plain values, NumPy arrays and tensors of torch, and the object arrays of .npy files, which are pickles,
+read without running what else a pickle may contain."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
+from fgpose.io.tensors import ELEMENT_TYPES, Storage, StorageOf, Tensor, parameter, plain_size, stated_storage
 from fgpose.plain_files import open_plain
 
 # Which of them a damaged pickle raises depends on the byte that is wrong.
@@ -58,10 +59,11 @@ class _Array:
         if isinstance(data, bytes | bytearray):
             self.array = _from_bytes(data, dtype, shape, "F" if is_fortran else "C")
         else:
-            # Only what np.save makes of a dictionary: one object, without a shape.
-            (content,) = data
-            self.array = np.empty((), dtype=object)
-            self.array[()] = _resolved(content)
+            # What np.save makes of a dictionary, or of a list of them.
+            objects = np.empty(len(data), dtype=object)
+            for place, each in enumerate(data):
+                objects[place] = _resolved(each)
+            self.array = objects.reshape(shape, order="F" if is_fortran else "C")
 
 
 def _plain(dtype: _Dtype) -> np.dtype:
@@ -71,7 +73,8 @@ def _plain(dtype: _Dtype) -> np.dtype:
 
 
 def _from_bytes(data: bytes | bytearray, dtype: _Dtype, shape: tuple[int, ...], order: Literal["C", "F"]) -> np.ndarray:
-    return np.frombuffer(data, _plain(dtype)).reshape(shape, order=order).copy(order)
+    # Not copied: a pickle of some bytes can name them many times.
+    return np.frombuffer(data, _plain(dtype)).reshape(shape, order=order)
 
 
 def _scalar(dtype: _Dtype, data: bytes) -> Any:
@@ -89,11 +92,53 @@ def _new_array(*_: Any) -> _Array:
     return _Array()
 
 
-class _NumpyUnpickler(pickle.Unpickler):
-    """Reads only plain values and arrays: a pickle may call whatever find_class returns.
+_TORCH_MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
+_COUNT_BYTES = 8  # a number of elements stands before those of each storage
 
-    It does not return NumPy's own functions either: some of them trust the sizes that a file states.
+
+def _torch_stream(content: bytes) -> Any:
+    """What torch wrote before version 1.6, and writes into pickles of tensors: pickles one after the other (a magic
+    number, a version, the system, the content, the names of the storages), then the numbers of the storages."""
+    file, storages = io.BytesIO(content), {}
+
+    def storage(pid: Any) -> Storage:
+        key, stated = stated_storage(pid)
+        return storages.setdefault(key, stated)
+
+    if _Unpickler(file).load() != _TORCH_MAGIC_NUMBER:
+        raise pickle.UnpicklingError("it is no file of torch")
+    for _ in ("version", "system"):
+        _Unpickler(file).load()
+    found = _Unpickler(file, storage).load()
+    for key in _Unpickler(file).load():
+        file.read(_COUNT_BYTES)
+        storages[key].fill(file.read(max(storages[key].n_bytes, 0)))
+    return found
+
+
+_OF_TORCH = {
+    ("torch", "Size"): plain_size,
+    ("torch._utils", "_rebuild_tensor"): Tensor,
+    ("torch._utils", "_rebuild_tensor_v2"): Tensor,
+    ("torch._utils", "_rebuild_parameter"): parameter,
+    ("torch.storage", "_load_from_bytes"): _torch_stream,
+}
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads only plain values, arrays and tensors: a pickle may call whatever find_class returns.
+
+    It does not return NumPy's and torch's own functions either: some of them trust the sizes that a file states.
     """
+
+    def __init__(self, file: BinaryIO, storage: StorageOf | None = None) -> None:
+        super().__init__(file)
+        self._storage = storage
+
+    def persistent_load(self, pid: Any) -> Any:
+        if self._storage is None:
+            raise pickle.UnpicklingError("it refers to something outside")
+        return self._storage(pid)
 
     def find_class(self, module_name: str, global_name: str, /) -> Any:
         match module_name, global_name:
@@ -103,11 +148,18 @@ class _NumpyUnpickler(pickle.Unpickler):
                 return _Array
             case "_codecs", "encode":
                 return _latin1_bytes
+            case "collections", "OrderedDict":
+                return dict
+            case "torch", _ if global_name in ELEMENT_TYPES:
+                return ELEMENT_TYPES[global_name]
+        if (module_name, global_name) in _OF_TORCH:
+            return _OF_TORCH[module_name, global_name]
         rebuilders = {"_reconstruct": _new_array, "_frombuffer": _from_bytes, "scalar": _scalar}
         if module_name in _MODULES and global_name in rebuilders:
             return rebuilders[global_name]
         raise pickle.UnpicklingError(
-            f"it wants to use {module_name}.{global_name}, which is no array and might run anything; it was not loaded"
+            f"it wants to use {module_name}.{global_name}, which is no array or tensor and might run anything; it was "
+            "not loaded"
         )
 
 
@@ -119,7 +171,7 @@ def _resolved(value: Any, known: dict[int, Any] | None = None) -> Any:
     known = {} if known is None else known
     if id(value) not in known:
         match value:
-            case _Array():
+            case _Array() | Tensor():
                 return value.array
             case dict():
                 found = {key: _resolved(each, known) for key, each in value.items()}
@@ -153,21 +205,46 @@ def read_dictionary(path: Path) -> dict[str, Any]:
     return content
 
 
-def unpickled(content: bytes) -> Any:
-    """What a pickle holds.
+def unpickled(content: bytes, storage: StorageOf | None = None) -> Any:
+    """What a pickle holds: plain values and arrays, which must not be changed; tensors of torch as arrays.
+
+    Args:
+        content: the pickle.
+        storage: gives the numbers of the tensors of a file of torch, which are not in its pickle.
 
     Raises:
-        ValueError: it is no pickle, is damaged, or wants more than NumPy arrays and plain values.
+        ValueError: it is no pickle, is damaged, or wants more than arrays, tensors and plain values.
     """
     try:
-        return _resolved(_NumpyUnpickler(io.BytesIO(content)).load())
+        return _resolved(_Unpickler(io.BytesIO(content), storage).load())
     except pickle.UnpicklingError as error:
         raise ValueError(f"not safe to load, or damaged: {error}") from None
     except _DAMAGE as error:
         raise ValueError(f"not a readable pickle: {error}") from None
 
 
-def _read(file: BinaryIO) -> Any:
+def unpickled_stream(content: bytes) -> Any:
+    """What a file holds that torch wrote before version 1.6; as unpickled."""
+    try:
+        return _resolved(_torch_stream(content))
+    except pickle.UnpicklingError as error:
+        raise ValueError(f"not safe to load, or damaged: {error}") from None
+    except _DAMAGE as error:
+        raise ValueError(f"not a readable file of torch: {error}") from None
+
+
+def unpickled_npy(content: bytes) -> Any:
+    """What np.save made of a dictionary or a list of them, alone or in an npz: plain values and arrays. Raises as
+    unpickled."""
+    try:
+        return _read(io.BytesIO(content), any_shape=True)
+    except pickle.UnpicklingError as error:
+        raise ValueError(f"not safe to load, or damaged: {error}") from None
+    except _DAMAGE as error:
+        raise ValueError(f"not a readable array of objects: {error}") from None
+
+
+def _read(file: BinaryIO, any_shape: bool = False) -> Any:
     version = np.lib.format.read_magic(file)
     read_header = {
         (1, 0): np.lib.format.read_array_header_1_0,
@@ -176,7 +253,8 @@ def _read(file: BinaryIO) -> Any:
     if read_header is None:
         raise ValueError(f"version {version} of the format holds no dictionary")
     shape, _, dtype = read_header(file)
-    if not dtype.hasobject or shape != ():
+    if not dtype.hasobject or (shape != () and not any_shape):
         raise ValueError(f"it holds an array of {dtype} with shape {shape}")
-    content = _resolved(_NumpyUnpickler(file).load())
-    return content.item() if isinstance(content, np.ndarray) and content.shape == () else content
+    content = _resolved(_Unpickler(file).load())
+    is_of_objects = isinstance(content, np.ndarray) and content.dtype == object
+    return content.tolist() if is_of_objects else content

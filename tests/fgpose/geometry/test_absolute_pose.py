@@ -7,7 +7,7 @@ import pytest
 
 import fgpose
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.monocular.absolute import AbsolutePose, absolute_pose
+from fgpose.geometry.per_view.absolute_pose import AbsolutePose, absolute_pose
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import Scene
 
@@ -16,7 +16,7 @@ NAN = np.nan
 CHI2_95 = 7.815
 CHI2_50 = 2.366
 RIGHT_KNEE, LEFT_WRIST, RIGHT_WRIST = 2, 13, 16
-# As measured on real views: README of balance_blazepose and fgpose/monocular/absolute.py.
+# As measured on real views: README of balance_blazepose and fgpose/geometry/per_view/absolute_pose.py.
 DEPTH_SIGMA_M = {"hip": 0.055, "pelvis": 0.055, "knee": 0.082, "ankle": 0.081, "shoulder": 0.08, "neck": 0.08}
 DEPTH_SIGMA_M |= {"elbow": 0.122, "wrist": 0.15}
 

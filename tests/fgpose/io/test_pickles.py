@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fgpose.io.calibration.numpy_pickle import read_dictionary
+from fgpose.io.pickles import read_dictionary
 
 CONTENT = {
     "names": ["S9", "S11"],
