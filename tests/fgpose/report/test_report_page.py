@@ -34,7 +34,7 @@ from fgpose.report.plots import TIME_AXIS, share_time
 from fgpose.report.sections import sections
 from fgpose.report.sections.angles import angle_section
 from fgpose.report.sections.cameras import reprojection_section, seen_section
-from fgpose.report.sections.moments import WorstMoment, worst_moments
+from fgpose.report.sections.worst_moments import WorstMoment
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
@@ -168,23 +168,11 @@ def test_bands_hold_95_percent_and_axes_do_not_magnify_errors(walk: FinishedReco
     assert min(spans_deg) >= 20
 
 
-def test_worst_moments_are_where_it_is_worst(walk: FinishedRecording) -> None:
-    covariance_m2 = np.array(walk.main.covariance_m2)
-    covariance_m2[200:204] *= 100
-    moments = worst_moments(replace(walk, people={0: replace(walk.main, covariance_m2=covariance_m2)}))
-    assert len(moments) == 5
-    (worst,) = [moment for moment in moments if 200 <= moment.frame < 204]
-    assert worst.reason.startswith("sigma of ")
-    assert worst.reason.endswith("4 of 4 cameras see " + worst.joints[0])
-    # Apart by a second, in the order of time.
-    assert (np.diff([moment.time_s for moment in moments]) >= 1.0).all()
-
-
 def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_path: Path) -> None:
     from fgpose.report.sections.moments import pictures
 
     assert walk.rig is not None
-    moments = worst_moments(walk)[:2]
+    moments = [WorstMoment(0, frame, frame / FPS, "", ("pelvis",)) for frame in (12, 31)]
     first, *others = (tmp_path / name for name in walk.rig.names)
     first.mkdir()
     for frame in range(max(moment.frame for moment in moments) + 1):
