@@ -12,10 +12,11 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import Camera
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.sources import open_sources
-from fgpose.report.blocks import Block, JpegPicture, Note, PicturedMoment, Section
+from fgpose.report.blocks import Block, Folded, JpegPicture, Note, PicturedMoment, Section
 from fgpose.report.sections.worst_moments import WorstMoment, worst_moments
 from fgpose.sampling import nearest
 
+_SHOWN = 2
 _WIDTH_PX = 260
 _ASPECT = 4 / 3  # height to width: people stand
 _QUALITY = 72  # of JPEG: the smallest at which lines of two pixels stay clean
@@ -35,12 +36,16 @@ def moment_section(recording: FinishedRecording) -> Section:
         blocks.append(Note(missing, is_missing=True))
     else:
         shown = pictures(recording, moments)
-    blocks += [
+    pictured: list[Block] = [
         PicturedMoment(
             _title(recording, moment), f"{moment.reason[0].upper()}{moment.reason[1:]}.", shown.get(moment, ())
         )
         for moment in moments
     ]
+    blocks += pictured[:_SHOWN]
+    if pictured[_SHOWN:]:
+        times = ", ".join(f"{moment.time_s:.2f} s" for moment in moments[_SHOWN:])
+        blocks.append(Folded(f"{len(pictured) - _SHOWN} more, at {times}", tuple(pictured[_SHOWN:])))
     intro = (
         "The worst first: where sigma, reprojection errors, those of one camera in most of its joints, or changes of "
         "velocity are largest, each over its usual value in this recording. Of each kind the largest is here."
