@@ -234,9 +234,11 @@ _THE_SAME = (Code.DISAGREEING_CAMERA, Code.HALLUCINATING_CAMERA)
 def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Without repetitions and without what others explain, a note only notes; a cause is as severe as what it explains.
     The severest first, of equal ones the weightiest, then what may cause the others."""
-    different: dict[tuple[Code, str, str, int | None, float | None], Finding] = {}
+    different: dict[tuple[object, ...], Finding] = {}
     for each in findings:
-        different.setdefault((each.code, each.camera, each.joint, each.person, each.from_s), each)
+        # Of all cameras together a calibration says several things.
+        reason = each.reason if each.code is Code.CALIBRATION else ""
+        different.setdefault((each.code, each.camera, each.joint, each.person, each.from_s, reason), each)
     notes = [each for each in different.values() if each.severity is Severity.NOTE]
     grave = [each for each in different.values() if each.severity is not Severity.NOTE]
     explained, of_notes = ({code for each in some for code in EXPLAINS.get(each.code, ())} for some in (grave, notes))

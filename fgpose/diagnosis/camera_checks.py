@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.calibrated import Grade
+from fgpose.calibration.from_people.calibrated import Grade, by_remedy
 from fgpose.diagnosis.body.joint_names import in_words, limb_of
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
@@ -44,20 +44,24 @@ def few_cameras(recording: FinishedRecording) -> list[Finding]:
 
 
 def calibration_findings(recording: FinishedRecording) -> list[Finding]:
-    """What the calibration from people said of itself."""
+    """What the calibration from people or with a board said of itself; what the same helps against together."""
     weight = {Grade.FAILED: 1.0, Grade.COARSE: 0.5}
     return [
         Finding(
             Code.CALIBRATION,
             Severity.DOUBTFUL,
-            f"calibration {finding.grade.value}: {finding.reason}",
-            finding.remedy,
+            f"calibration {grade.value}, {'; '.join(each.text for each in together)}",
+            _as_sentence(together[0].remedy),
             weight[grade],
-            camera=finding.camera,
+            camera=together[0].camera if len(together) == 1 else "",
         )
-        for finding in recording.findings
-        if (grade := finding.grade) in weight
+        for together in by_remedy(recording.findings)
+        if (grade := together[0].grade) in weight
     ]
+
+
+def _as_sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}." if words else ""
 
 
 def disagreeing_cameras(recording: FinishedRecording) -> list[Finding]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fgpose.calibration.bumped import BumpedRig
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade, by_remedy
 from fgpose_factors.robust_statistics import known_median
 
 _GRADES = {
@@ -63,20 +63,13 @@ def summary(result: CalibratedFromPeople) -> list[str]:
 
 def verdict(findings: Sequence[CalibrationFinding], grade: Grade) -> list[str]:
     """The verdict, and the reasons with what helps, those that the same helps against together; the gravest first."""
-    together: dict[tuple[int, str], list[CalibrationFinding]] = {}
-    for finding in findings:
-        together.setdefault((-finding.grade.gravity, finding.remedy), []).append(finding)
-    return [f"Verdict: {_GRADES[grade]}.", *(_sentence(together[key]) for key in sorted(together, key=lambda k: k[0]))]
+    return [f"Verdict: {_GRADES[grade]}.", *map(_sentence, by_remedy(findings))]
 
 
 def _sentence(findings: Sequence[CalibrationFinding]) -> str:
     grade, remedy = findings[0].grade.value, findings[0].remedy
-    reasons = "; ".join(f"{_whose(finding)}: {finding.reason}" for finding in findings)
+    reasons = "; ".join(finding.text for finding in findings)
     return f"- {grade}, {reasons}." + (f" Remedy: {remedy}." if remedy else "")
-
-
-def _whose(finding: CalibrationFinding) -> str:
-    return f"camera {finding.camera}" if finding.camera else "all cameras"
 
 
 def markdown(result: CalibratedFromPeople) -> str:

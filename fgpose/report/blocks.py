@@ -118,7 +118,17 @@ class OfPerson:
     """Whether they are the one who is shown first."""
 
 
-Block = Table | Plot | Note | PicturedMoment | Text | OfPerson
+@dataclass(frozen=True)
+class Folded:
+    """What is not shown until it is asked for."""
+
+    kind: ClassVar[str] = "folded"
+    title: str
+    """What it is and, in the same line, what it says."""
+    blocks: tuple[Block, ...]
+
+
+Block = Table | Plot | Note | PicturedMoment | Text | OfPerson | Folded
 
 
 @dataclass(frozen=True)
@@ -134,9 +144,18 @@ class Section:
 
     @property
     def plots(self) -> list[Plot]:
-        """In their order, those of people included."""
-        inner = [part for block in self.blocks for part in (block.blocks if isinstance(block, OfPerson) else (block,))]
-        return [block for block in inner if isinstance(block, Plot)]
+        """In their order, those of people and those that are folded included."""
+        return _plots_in(self.blocks)
+
+
+def _plots_in(blocks: Sequence[Block]) -> list[Plot]:
+    found: list[Plot] = []
+    for block in blocks:
+        if isinstance(block, Plot):
+            found.append(block)
+        elif isinstance(block, OfPerson | Folded):
+            found += _plots_in(block.blocks)
+    return found
 
 
 def number(value: float | int | None, digits: int = 1, unit: str = "", *, worst: float = np.nan) -> TableCell:

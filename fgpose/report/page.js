@@ -34,17 +34,20 @@ function paint(model) {
 }
 
 const isOverTime = (model) => model.tags.includes("time");
-const isHidden = (model) => places.get(model).closest("[hidden]") !== null;
-const copyTime = (from, to) => to.x_range.setv({ start: from.x_range.start, end: from.x_range.end });
+// What is folded has no size, and is drawn when it is opened.
+const isAway = (each) => each.closest("[hidden], details:not([open])") !== null;
+const isHidden = (model) => isAway(places.get(model));
+let time = null; // What is zoomed to.
+const copyTime = () => { if (time) views.filter((model) => isOverTime(model) && !isHidden(model)).forEach((model) => model.x_range.setv(time)); };
 
 function link(model) {
   if (!isOverTime(model)) return;
-  const other = views.find(isOverTime);
-  if (other) copyTime(other, model);
+  if (time) model.x_range.setv(time);
   const follow = () => {
     if (linking) return;
     linking = true;
-    for (const each of views) if (each !== model && isOverTime(each) && !isHidden(each)) copyTime(model, each);
+    time = { start: model.x_range.start, end: model.x_range.end };
+    copyTime();
     linking = false;
   };
   model.x_range.properties.start.change.connect(follow);
@@ -84,22 +87,21 @@ async function show(data) {
   if (views.length === 1) requestAnimationFrame(() => performance.mark("first plot"));
 }
 
-// Those that are not hidden with a person, in the order of the page.
+// Those that are neither hidden with a person nor folded, in the order of the page.
 const due = () => [...document.querySelectorAll("script.plot-data")].find((data) => {
   const { dataset, parentElement } = document.getElementById(data.dataset.for);
-  return !dataset.shown && !parentElement.closest("[hidden]");
+  return !dataset.shown && !isAway(parentElement);
 });
 
-let drawing = false;
-async function showAll() {
-  if (drawing) return;
-  drawing = true;
+let drawing = null;
+const showAll = () => (drawing ??= showDue().finally(() => (drawing = null)));
+
+async function showDue() {
   delete document.documentElement.dataset.plots;
   for (let data = due(); data; data = due()) {
     await show(data);
     await new Promise((resolve) => setTimeout(resolve));
   }
-  drawing = false;
   document.documentElement.dataset.plots = String(views.length);
 }
 
@@ -107,9 +109,8 @@ function choose(person) {
   // What is read stays where it is on the screen.
   const read = [...document.querySelectorAll("section")].find((each) => each.getBoundingClientRect().bottom > 60);
   const top = read?.getBoundingClientRect().top ?? 0;
-  const known = views.find((model) => isOverTime(model) && !isHidden(model));
   for (const each of document.querySelectorAll(".of-person")) each.hidden = each.dataset.person !== person;
-  if (known) views.filter((model) => isOverTime(model) && !isHidden(model)).forEach((model) => copyTime(known, model));
+  copyTime();
   document.getElementById("printed").textContent = person;
   if (read) scrollBy({ top: read.getBoundingClientRect().top - top, behavior: "instant" });
   showAll();
@@ -158,13 +159,16 @@ function toPaper() {
     const width = document.body.classList.contains("study") ? PAPER.wide : isHalf ? PAPER.half : PAPER.whole;
     if (plot.clientWidth) plot.style.setProperty("--zoom", Math.min(width / plot.clientWidth, 1));
   }
-  for (const each of document.querySelectorAll("details")) each.open = true;
+  // A plot that was never opened could not be drawn in time.
+  for (const each of document.querySelectorAll("details")) each.open ||= !each.querySelector(".plot:not([data-shown])");
 }
 const PAPER = { wide: 1016, whole: 687, half: 328 }; // Pixels between the margins of A4, as in page.css.
 
 // Drawn anew for the paper, so that its text is as large as that of the page.
 async function print() {
   const { classList } = document.documentElement;
+  for (const each of document.querySelectorAll("details")) each.open = true;
+  await showAll();
   for (const isPaper of [true, false]) {
     classList.toggle("paper", isPaper);
     paintAll();
@@ -186,6 +190,7 @@ document.getElementById("print").addEventListener("click", print);
 dark.addEventListener("change", paintAll);
 document.querySelectorAll("table.sortable").forEach(sortable);
 document.querySelectorAll("input[data-filters]").forEach(filters);
+for (const each of document.querySelectorAll("details")) each.addEventListener("toggle", () => { copyTime(); showAll(); });
 document.getElementById("person")?.addEventListener("change", (event) => choose(event.target.value));
 // What is wider than the screen can be scrolled with the keyboard.
 for (const each of document.querySelectorAll(".scroll, nav")) if (each.scrollWidth > each.clientWidth) each.tabIndex = 0;

@@ -238,7 +238,7 @@ def lines(
     elif from_zero:
         plot.y_range.start = 0
     if len(series) > 1:
-        _legend_below(plot)
+        legend_below(plot)
     return Plot(plot, caption, height_px, half)
 
 
@@ -288,7 +288,8 @@ def _limits(
     return float(low - missing), float(high + missing)
 
 
-def _legend_below(plot: Figure) -> None:
+def legend_below(plot: Figure) -> None:
+    """Where it hides nothing; a click on a name hides what it names."""
     (legend,) = plot.legend
     legend.location = "left"
     legend.click_policy = "hide"

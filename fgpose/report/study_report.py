@@ -15,7 +15,7 @@ from fgpose.diagnosis.series import known_quantile
 from fgpose.io.atomic import write_text
 from fgpose.report.blocks import Block, Plot, Section, Table, TableCell, number
 from fgpose.report.page import KeyFigure, Page, html
-from fgpose.report.plots import COLOURS, models, plain_figure
+from fgpose.report.plots import COLOURS, legend_below, models, plain_figure
 from fgpose_factors.robust_statistics import robust_sigma
 
 MEASURES = {
@@ -242,5 +242,6 @@ def _scatter(
             plot.scatter("x", "y", source=data, size=9, color=colour, fill_alpha=0.6, legend_label=label)
     tips = [("", "@name"), ("reprojection", "@x{0.0} px"), ("sigma", "@y{0.0} mm")]
     plot.add_tools(models().HoverTool(tooltips=tips))
-    plot.legend.background_fill_color = plot.legend.border_line_color = None
+    # Inside of the figure it would be over the outliers, which are far from the others.
+    legend_below(plot)
     return Plot(plot, "Each recording by its median reprojection error and its median sigma", 360)

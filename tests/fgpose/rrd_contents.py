@@ -54,13 +54,47 @@ def values(path: Path, entity: str, component: str) -> list[np.ndarray]:
 
 
 def static_value(path: Path, entity: str, component: str) -> Any:
+    return static_values(path, entity, component)[0]
+
+
+def static_values(path: Path, entity: str, component: str) -> list[Any]:
+    """As they were logged last."""
     from rerun.chunk import RrdReader
 
-    for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():
+    found = [
+        row
+        for chunk in RrdReader(path).stream().filter(content=entity).to_chunks()
+        if component in (batch := chunk.to_record_batch()).schema.names
+        for row in zip(batch.column(0).to_pylist(), batch[component].to_pylist(), strict=True)
+    ]
+    assert found, f"{entity} has no {component}"
+    # The first column counts what is logged.
+    return max(found, key=lambda row: row[0])[1]
+
+
+def layout_value(path: Path, component: str) -> Any:
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(path)
+    batches = (chunk.to_record_batch() for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks())
+    return next(batch[component].to_pylist()[0][0] for batch in batches if component in batch.schema.names)
+
+
+def view_contents(path: Path) -> list[tuple[str, list[str]]]:
+    """Of each view of the layout: the path of its root, and what it shows of it."""
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(path)
+    found: dict[str, dict[str, Any]] = {}
+    for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks():
         batch = chunk.to_record_batch()
-        if component in batch.schema.names:
-            return batch[component].to_pylist()[0][0]
-    raise AssertionError(f"{entity} has no {component}")
+        view = str(chunk.entity_path).removeprefix("/").split("/")[1:2]
+        for component in ("ViewBlueprint:space_origin", "ViewContents:query"):
+            if view and component in batch.schema.names:
+                found.setdefault(view[0], {})[component] = batch[component].to_pylist()[0]
+    return [
+        (each["ViewBlueprint:space_origin"][0].removeprefix("/"), each["ViewContents:query"]) for each in found.values()
+    ]
 
 
 def view_origins(path: Path) -> dict[str, set[str]]:

@@ -40,6 +40,19 @@ class CalibrationFinding:
     remedy: str
     """As "walk towards the camera and away from it"."""
 
+    @property
+    def text(self) -> str:
+        """Whose it is, and the reason."""
+        return f"{f'camera {self.camera}' if self.camera else 'all cameras'}: {self.reason}"
+
+
+def by_remedy(findings: Sequence[CalibrationFinding]) -> list[tuple[CalibrationFinding, ...]]:
+    """Those of one grade that the same helps against together, the gravest first."""
+    together: dict[tuple[Grade, str], list[CalibrationFinding]] = {}
+    for finding in findings:
+        together.setdefault((finding.grade, finding.remedy), []).append(finding)
+    return [tuple(together[key]) for key in sorted(together, key=lambda key: -key[0].gravity)]
+
 
 def worst_grade(findings: Sequence[CalibrationFinding]) -> Grade:
     return max((finding.grade for finding in findings), key=lambda grade: grade.gravity, default=Grade.GOOD)

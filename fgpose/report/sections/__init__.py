@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.report.blocks import Plot, Section, Table, TableCell, number
+from fgpose.report.blocks import Section, Table, TableCell, number
 from fgpose.report.plots import TIME_AXIS, models
 from fgpose.report.sections.angles import angle_section
 from fgpose.report.sections.body import bone_section, sigma_section
@@ -23,6 +23,7 @@ _COLOUR = "#d81b8c"  # in none of the palettes of heat maps and curves, and dark
 def sections(recording: FinishedRecording) -> list[Section]:
     """All of a page but its head."""
     made = [
+        moment_section(recording),
         seen_section(recording),
         reprojection_section(recording),
         sigma_section(recording),
@@ -31,7 +32,6 @@ def sections(recording: FinishedRecording) -> list[Section]:
         _marks(recording),
         camera_section(recording),
         people_section(recording),
-        moment_section(recording),
         origin_section(recording),
     ]
     known = [section for section in made if section is not None]
@@ -57,7 +57,7 @@ def _draw_marks(sections: Sequence[Section], recording: FinishedRecording) -> No
     marks = [mark for mark in recording.marks if first_s <= mark.time_s <= last_s]
     if not marks or len(recording.marks) > _MAX_LINES:
         return
-    for plot in (block.model for section in sections for block in section.blocks if isinstance(block, Plot)):
+    for plot in (plot.model for section in sections for plot in section.plots):
         if TIME_AXIS in plot.tags:
             noted = {"x": [mark.time_s for mark in marks], "name": [mark.name for mark in marks]}
             lines = plot.vspan("x", line_color=_COLOUR, line_dash="dashed", line_width=1.5, source=noted)

@@ -8,7 +8,7 @@ import numpy as np
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile
-from fgpose.report.blocks import Block, Note, Section, Table, TableCell, number
+from fgpose.report.blocks import Block, Folded, Note, Plot, Section, Table, TableCell, number
 from fgpose.report.plots import lines
 from fgpose.report.sections.people import of_people
 from fgpose.trajectory import Trajectory
@@ -23,6 +23,7 @@ BAND_SIGMAS = 1.96
 _LEAST_DETERMINED = 0.1
 _LEAST_SPAN_DEG = 20.0  # of an axis: errors of two degrees do not look like motion
 _LONG_S = 20.0  # strides of longer recordings need the width of the page
+_FIRST = ("hip_flexion", "knee_flexion", "ankle_dorsiflexion", "elbow_flexion")
 
 
 def angle_section(recording: FinishedRecording) -> Section:
@@ -36,7 +37,7 @@ def angle_section(recording: FinishedRecording) -> Section:
 
     def blocks_of(trajectory: Trajectory, columns: int) -> list[Block]:
         angles = joint_angles(trajectory)
-        return [*_plots(angles, columns), _table(angles)]
+        return [*_plots(angles, columns), Folded("Angles in numbers", (_table(angles),))]
 
     blocks = of_people(recording, blocks_of)
     intro = (
@@ -51,18 +52,25 @@ def angle_section(recording: FinishedRecording) -> Section:
 
 
 def _plots(angles: JointAngles, columns: int) -> list[Block]:
-    plots: list[Block] = []
+    """The most asked for, and the others folded."""
+    plots: dict[str, Plot] = {}
     is_short = float(angles.time_s[-1] - angles.time_s[0]) <= _LONG_S
     for kind, of_sides in _kinds(angles).items():
         curves = {side: angles.angle_deg[:, n] for side, n in of_sides.items()}
         bands = {side: BAND_SIGMAS * angles.sigma_deg[:, n] for side, n in of_sides.items()}
         if max(np.isfinite(curve).mean() for curve in curves.values()) >= _LEAST_DETERMINED:
             caption = kind.replace("_", " ").capitalize()
-            plots.append(lines(
+            plots[kind] = lines(
                 curves, angles.time_s, "angle / °", caption, bands=bands, height_px=220, circular=True,
                 least_span=_LEAST_SPAN_DEG, half=is_short, columns=columns,
-            ))  # fmt: skip
-    return plots
+            )  # fmt: skip
+    first = [kind for kind in _FIRST if kind in plots] or list(plots)[: len(_FIRST)]
+    others = {kind: plot for kind, plot in plots.items() if kind not in first}
+    shown: list[Block] = [plots[kind] for kind in first]
+    if others:
+        names = ", ".join(plot.caption.lower() for plot in others.values())
+        shown.append(Folded(f"{len(others)} more: {names}", tuple(others.values())))
+    return shown
 
 
 def _kinds(angles: JointAngles) -> dict[str, dict[str, int]]:
@@ -86,4 +94,4 @@ def _table(angles: JointAngles) -> Table:
             number(known_quantile(angles.sigma_deg[:, n], 0.5)), TableCell(f"{100 * share:.0f} %", key=share),
         ))  # fmt: skip
     columns = ("angle", "2.5 % / °", "median / °", "97.5 % / °", "range / °", "sigma / °", "determined")
-    return Table(columns, tuple(rows), "Angles")
+    return Table(columns, tuple(rows))

@@ -8,8 +8,9 @@ from jaxtyping import Float
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, quantile_of_frames, sigma_m
 from fgpose.diagnosis.solution_checks import sigma_ratio
-from fgpose.report.blocks import Block, Note, Section, Table, TableCell, number
+from fgpose.report.blocks import Block, Folded, Note, Section, Table, TableCell, number
 from fgpose.report.plots import heat_map, lines
+from fgpose.report.sections.cameras import span_text
 from fgpose.report.sections.people import of_everybody, of_people
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
@@ -20,6 +21,8 @@ NO_COVARIANCE = (
 # From sure to unsure: pale where nothing is to be looked at.
 _SIGMA_PALETTE = ("#d8e9ec", "#bcd9dd", "#f2cfa9", "#e8975a", "#d55e00", "#9c3f00")
 _BONES_SHOWN = 4
+# Of joints and frames: fewer that are unsure are a few dots, which a line tells.
+_NOTABLE = 0.02
 
 
 def sigma_section(recording: FinishedRecording) -> Section:
@@ -48,21 +51,30 @@ def _sigma_plots(trajectory: Trajectory, columns: int) -> list[Block]:
     rows = {joint: sigma_mm[:, j] for j, joint in enumerate(trajectory.skeleton.joints)}
     limits = 0.0, 3 * known_quantile(sigma_mm, 0.5)
     caption = "Sigma of each joint; the strongest colour is three times the median, or more"
-    return [
-        lines(curves, trajectory.time_s, "sigma / mm", "Sigma over time", from_zero=True, peaks=True, columns=columns),
-        heat_map(rows, trajectory.time_s, _SIGMA_PALETTE, limits, "sigma / mm", caption, columns=columns),
-    ]
+    each_joint = heat_map(rows, trajectory.time_s, _SIGMA_PALETTE, limits, "sigma / mm", caption, columns=columns)
+    over_time = lines(
+        curves, trajectory.time_s, "sigma / mm", "Sigma over time", from_zero=True, peaks=True, columns=columns
+    )
+    known_mm = sigma_mm[np.isfinite(sigma_mm)]
+    is_high = np.mean(known_mm > 2 * known_quantile(sigma_mm, 0.5))
+    frame, joint = np.unravel_index(int(np.nanargmax(sigma_mm)), sigma_mm.shape)
+    said = (
+        f"Sigma of each joint over time: {known_mm.max():.0f} mm at most, of {trajectory.skeleton.joints[joint]} at "
+        f"{trajectory.time_s[frame]:.2f} s; {100 * is_high:.1f} % of it is more than twice the median"
+    )
+    return [over_time, each_joint if is_high > _NOTABLE else Folded(said, (each_joint,))]
 
 
-def _sigma_table(recording: FinishedRecording) -> Table:
+def _sigma_table(recording: FinishedRecording) -> Folded:
     people = list(recording.people.values())
     sigma_mm = 1000 * np.concatenate([sigma_m(trajectory) for trajectory in people])
     status = np.concatenate([trajectory.status for trajectory in people])
     usual_mm = known_quantile(sigma_mm, 0.5)
+    medians_mm = {joint: known_quantile(sigma_mm[:, j], 0.5) for j, joint in enumerate(recording.main.skeleton.joints)}
     rows = [
         (
             TableCell(joint),
-            number(known_quantile(sigma_mm[:, j], 0.5), worst=4 * usual_mm),
+            number(medians_mm[joint], worst=4 * usual_mm),
             number(known_quantile(sigma_mm[:, j], 0.95), worst=4 * usual_mm),
             number(known_quantile(sigma_mm[:, j], 1.0)),
             TableCell(f"{100 * np.mean(status[:, j] == 2):.1f} %", key=float(np.mean(status[:, j] == 2))),
@@ -70,7 +82,8 @@ def _sigma_table(recording: FinishedRecording) -> Table:
         for j, joint in enumerate(recording.main.skeleton.joints)
     ]
     columns = ("joint", "median / mm", "95 % / mm", "largest / mm", "seen by two")
-    return Table(columns, tuple(rows), "Sigma of the joints" + of_everybody(recording))
+    title = f"Sigma of the joints{of_everybody(recording)}: median {span_text(medians_mm, 'mm')}"
+    return Folded(title, (Table(columns, tuple(rows)),))
 
 
 def bone_section(recording: FinishedRecording) -> Section:
@@ -102,9 +115,9 @@ def _bone_blocks(trajectory: Trajectory, columns: int) -> list[Block]:
     ]
 
 
-def _bone_table(skeleton: Skeleton, lengths_mm: Float[np.ndarray, "frame bone"]) -> Table:
+def _bone_table(skeleton: Skeleton, lengths_mm: Float[np.ndarray, "frame bone"]) -> Folded:
     number_of = {frozenset(bone): b for b, bone in enumerate(skeleton.bones)}
-    rows = []
+    rows, differences_mm = [], dict[str, float]()
     done = set()
     for b, bone in enumerate(skeleton.bones):
         other = number_of.get(frozenset(skeleton.mirrored(bone)), b)
@@ -113,13 +126,19 @@ def _bone_table(skeleton: Skeleton, lengths_mm: Float[np.ndarray, "frame bone"])
         done |= {b, other}
         own_mm, other_mm = known_quantile(lengths_mm[:, b], 0.5), known_quantile(lengths_mm[:, other], 0.5)
         is_pair = other != b
-        name = skeleton.bone_name(bone)
+        name = skeleton.bone_name(bone).replace("left_", "") if is_pair else skeleton.bone_name(bone)
+        if is_pair and np.isfinite(own_mm - other_mm):
+            differences_mm[name] = own_mm - other_mm
         rows.append((
-            TableCell(name.replace("left_", "") if is_pair else name), number(own_mm, 0),
+            TableCell(name), number(own_mm, 0),
             number(other_mm if is_pair else np.nan, 0),
             number(own_mm - other_mm if is_pair else np.nan, 1, worst=20.0),
             number(known_quantile(np.abs(lengths_mm[:, [b, other]] - [own_mm, other_mm]), 0.68)),
         ))  # fmt: skip
     columns = ("bone", "left or middle / mm", "right / mm", "difference / mm", "variation / mm")
     hints = ("", "median over time", "median over time", "", "68 % of the deviations from the median are smaller")
-    return Table(columns, tuple(rows), "Lengths", hints=hints)
+    title = "Lengths of the bones"
+    if differences_mm:
+        name = max(differences_mm, key=lambda bone: abs(differences_mm[bone]))
+        title += f": left and right differ by {abs(differences_mm[name]):.0f} mm at most ({name})"
+    return Folded(title, (Table(columns, tuple(rows), hints=hints),))

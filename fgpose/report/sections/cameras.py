@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Float
 
@@ -9,8 +11,18 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, quantile_of_frames, root_m, together_px
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.field_of_view import in_views
-from fgpose.report.blocks import Block, Note, Plot, Section, Table, TableCell, number, percent
-from fgpose.report.plots import COLOURS, Figure, colour_bar, gathered, heat_map, lines, models, plain_figure
+from fgpose.report.blocks import Block, Folded, Note, Plot, Section, Table, TableCell, number, percent
+from fgpose.report.plots import (
+    COLOURS,
+    Figure,
+    colour_bar,
+    gathered,
+    heat_map,
+    legend_below,
+    lines,
+    models,
+    plain_figure,
+)
 from fgpose.report.sections.people import of_everybody, of_people
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
@@ -25,6 +37,8 @@ NO_RESIDUALS = "The result has no reprojection errors: it is from a TRC or C3D f
 # From nothing seen to everything: the two ends are told apart by the colour-blind, too.
 SEEN_PALETTE = ("#d55e00", "#e8975a", "#f2cfa9", "#bcd9dd", "#7fb8c2", "#3f93a5", "#0b6e86")
 _MAX_JOINTS = 34
+# A map of which more than this share has one colour says nothing that a line does not say.
+_ONE_COLOUR, _EVEN = 0.05, 0.97
 
 
 def plan_and_side(recording: FinishedRecording) -> tuple[Plot, Plot]:
@@ -130,15 +144,41 @@ def _seen_plots(trajectory: Trajectory, columns: int) -> list[Block]:
     views = seen.sum(axis=1).astype(float)
     rows = {joint: views[:, j] for j, joint in enumerate(trajectory.skeleton.joints[:_MAX_JOINTS])}
     whole, limits = (0.0, 100.0), (0.0, float(len(trajectory.camera_names)))
-    caption = "Number of cameras that see each joint; fewer than two do not determine it"
-    shown = heat_map(
+    of_cameras = heat_map(
         shares, trajectory.time_s, SEEN_PALETTE, whole, "seen / %", "Share of the joints that each camera sees",
         columns=columns,
     )  # fmt: skip
-    return [
-        shown,
-        heat_map(rows, trajectory.time_s, SEEN_PALETTE, limits, "cameras / ", caption, counts=True, columns=columns),
-    ]
+    caption = "Number of cameras that see each joint; fewer than two do not determine it"
+    of_joints = heat_map(
+        rows, trajectory.time_s, SEEN_PALETTE, limits, "cameras / ", caption, counts=True, columns=columns
+    )
+    everything = np.mean(seen, axis=(0, 2))
+    least = int(everything.argmin())
+    fewest = f"{_percent(everything[least])} or more, {trajectory.camera_names[least]} the fewest"
+    said = f"{of_cameras.caption}: {'all of them' if everything[least] == 1 else fewest}"
+    return [_unless_even(of_cameras, shares, said), _unless_even(of_joints, rows, _said_of_views(views, rows))]
+
+
+def _percent(share: float) -> str:
+    # 99.97 % are not all.
+    return f"{100 * share if share == 1 else min(100 * share, 99.9):.3g} %"
+
+
+def _said_of_views(views: Float[np.ndarray, "frame joint"], rows: Mapping[str, object]) -> str:
+    usual = float(np.median(views))
+    is_usual = (views == usual).mean(axis=0)
+    least = int(is_usual[: len(rows)].argmin())
+    words = f"Number of cameras that see each joint: {usual:.0f} in {_percent(float(is_usual.mean()))} of all frames"
+    return words if is_usual[least] == 1 else f"{words}, of {list(rows)[least]} in {_percent(float(is_usual[least]))}"
+
+
+def _unless_even(plot: Plot, rows: Mapping[str, Float[np.ndarray, " frame"]], said: str) -> Plot | Folded:
+    """Folded if nearly all of it has one colour."""
+    values = np.concatenate(list(rows.values()))
+    values = values[np.isfinite(values)]
+    usual = np.median(values) if values.size else 0.0
+    is_even = np.mean(np.abs(values - usual) <= _ONE_COLOUR * max(abs(usual), 1.0)) > _EVEN if values.size else True
+    return Folded(said, (plot,)) if is_even else plot
 
 
 def reprojection_section(recording: FinishedRecording) -> Section:
@@ -152,9 +192,8 @@ def reprojection_section(recording: FinishedRecording) -> Section:
         return Section(
             "Reprojection errors", "reprojection", [Note(NO_RESIDUALS, is_missing=True)], short="Reprojection"
         )
-    blocks: list[Block] = [_per_camera(recording, residual_px), _per_joint(recording, residual_px)]
-    blocks.append(_histogram(recording, residual_px))
-    blocks += of_people(recording, _errors_over_time)
+    blocks: list[Block] = [_per_camera(recording, residual_px), *of_people(recording, _errors_over_time)]
+    blocks += [_histogram(recording, residual_px), _per_joint(recording, residual_px)]
     return Section("Reprojection errors", "reprojection", blocks, intro, short="Reprojection")
 
 
@@ -186,23 +225,30 @@ def _per_camera(recording: FinishedRecording, residual_px: Float[np.ndarray, "fr
     return Table(columns, tuple(rows), "Cameras" + of_everybody(recording), hints=hints)
 
 
-def _per_joint(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Table:
+def _per_joint(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Folded:
     joints = recording.main.skeleton.joints
     medians = np.array([
         [known_quantile(residual_px[:, c, j], 0.5) for c in range(residual_px.shape[1])] for j in range(len(joints))
     ])  # fmt: skip
     worst = 4 * known_quantile(medians, 0.5)
+    all_cameras = np.array([known_quantile(residual_px[:, :, j], 0.5) for j in range(len(joints))])
     rows = [
-        (
-            TableCell(joint),
-            *(number(value, worst=worst) for value in medians[j]),
-            number(known_quantile(residual_px[:, :, j], 0.5)),
-        )
+        (TableCell(joint), *(number(value, worst=worst) for value in medians[j]), number(all_cameras[j]))
         for j, joint in enumerate(joints)
     ]
-    whose = of_everybody(recording)
-    caption = f"Median reprojection error of each joint{whose}, px; coloured from twice the median of all on"
-    return Table(("joint", *recording.camera_names, "all"), tuple(rows), caption)
+    caption = "px; coloured from twice the median of all on"
+    table = Table(("joint", *recording.camera_names, "all"), tuple(rows), caption)
+    title = f"Median reprojection error of each joint{of_everybody(recording)}"
+    return Folded(f"{title}: {span_text(dict(zip(joints, all_cameras.tolist(), strict=True)), 'px')}", (table,))
+
+
+def span_text(values: Mapping[str, float], unit: str) -> str:
+    """The least and the largest of those that are known, and whose they are."""
+    known = {name: value for name, value in values.items() if np.isfinite(value)}
+    if not known:
+        return "not known"
+    low, high = min(known, key=lambda name: known[name]), max(known, key=lambda name: known[name])
+    return f"{known[low]:.1f} {unit} ({low}) to {known[high]:.1f} {unit} ({high})"
 
 
 def _histogram(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Plot:
@@ -220,8 +266,7 @@ def _histogram(recording: FinishedRecording, residual_px: Float[np.ndarray, "fra
             )  # fmt: skip
     plot.y_range.start = 0
     plot.add_tools(models().HoverTool(tooltips=[("", "$name"), ("error", "$x{0.0} px")], mode="mouse"))
-    plot.legend.click_policy = "hide"
-    plot.legend.background_fill_color = plot.legend.border_line_color = None
+    legend_below(plot)
     whose = of_everybody(recording)
     caption = f"Distribution of the reprojection errors of each camera{whose}; the last few per cent are cut off"
     return Plot(plot, caption, 240)

@@ -17,7 +17,7 @@ from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.blueprint import calibration_blueprint
 from fgpose.viewer.rerun.recording import RerunRecording
 from fgpose.viewer.rerun.rows import Rows, scalar_rows
-from fgpose.viewer.rerun.scene import frustum_m, log_line
+from fgpose.viewer.rerun.scene import frustum_m, log_camera_names, log_line
 from fgpose.viewer.rerun.session import Target
 
 # Radius of the ball that holds 90 % of a Gaussian in three dimensions, in standard deviations of one axis.
@@ -62,10 +62,14 @@ def _log_sigmas(stream: rr.RecordingStream, rig: CameraRig, position_sigma_m: Fl
         centers=[rig.cameras[c].position_m for c in known],
         half_sizes=np.repeat(radii_m[:, None], 3, axis=1),
         colors=[[*palette.camera_colour(c), 140] for c in known],
-        labels=[f"{rig.names[c]} ± {1000 * position_sigma_m[c]:.0f} mm" for c in known],
         fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
     )
     stream.log(paths.CAMERA_SIGMAS, balls, static=True)
+    texts = [
+        f"{name} ± {1000 * sigma_m:.0f} mm" if np.isfinite(sigma_m) else name
+        for name, sigma_m in zip(rig.names, position_sigma_m.tolist(), strict=True)
+    ]
+    log_camera_names(stream, rig, texts, [palette.camera_colour(c) for c in range(rig.n_cameras)])
 
 
 def _log_before(stream: rr.RecordingStream, before: CameraRig, rig: CameraRig) -> None:

@@ -99,6 +99,12 @@ def faded(colour: Colour, share: float = 0.55) -> Colour:
     return red, green, blue
 
 
+def of_text(colour: Colour, share: float = 0.35) -> Colour:
+    """The colour, mixed with white: it is read on the background."""
+    red, green, blue = (round(each + (255 - each) * share) for each in colour)
+    return red, green, blue
+
+
 def weight_colours(weights: Float[np.ndarray, "*points"]) -> UInt8[np.ndarray, "*points 3"]:
     """Viridis: violet for no weight, yellow for 1. NaN counts as 0."""
     position = _DARKEST + (1 - _DARKEST) * np.clip(np.nan_to_num(weights), 0, 1)

@@ -30,7 +30,11 @@ VERTICAL = "world/vertical"
 CAMERA_SIGMAS = "world/camera_sigmas"
 CAMERAS_BEFORE = "world/cameras_before"
 CAMERA_MOVES = "world/camera_moves"
+CAMERA_NAMES = "world/camera_names"
+VIEWS = "world/views"
 REPORT = "report"
+CAMERA_LEGEND = "legend/cameras"
+LIMB_LEGEND = "legend/limbs"
 
 
 def join(*parts: str) -> str:
@@ -59,7 +63,7 @@ def reprojections(camera_name: str, trajectory: str) -> str:
 
 
 def view(camera_name: str) -> str:
-    return join("world/views", camera_name)
+    return join(VIEWS, camera_name)
 
 
 def trajectory(name: str) -> str:
@@ -72,9 +76,9 @@ def person(number: int) -> str:
     return f"person_{number}"
 
 
-def label(number: int) -> str:
-    """Of the number of a person."""
-    return f"{trajectory(person(number))}/label"
+def label(name: str) -> str:
+    """Of the number of a person, or the name of a result, above them."""
+    return f"{trajectory(name)}/label"
 
 
 def limb_names(skeleton: Skeleton) -> tuple[str, ...]:

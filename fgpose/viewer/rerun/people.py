@@ -23,18 +23,18 @@ from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import person_colour
 from fgpose.viewer.rerun.rows import Rows, change_rows, log_rows, point_rows, scalar_rows
 from fgpose.viewer.rerun.scene import (
+    TEXT_RADIUS,
     annotation_class,
     body_rows,
     log_body_styles,
     log_cameras,
     log_line,
     median_of_known,
+    over_joints_m,
 )
 
 # Smaller than those of one person: people are smaller in the images, and may hide each other.
 _DETECTION_RADIUS = rr.Radius.ui_points(2.5)
-_LABEL_RADIUS = rr.Radius.ui_points(0.5)  # the text is to be seen, not its point
-_LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +166,8 @@ def log_person_styles(stream: rr.RecordingStream, rig: CameraRig, skeleton: Skel
     """How somebody looks, wherever they are shown."""
     name, colour = paths.person(person), palette.person_colour(person)
     log_body_styles(stream, rig, skeleton, name, _body_class(person), colour)
-    label = rr.Points3D.from_fields(show_labels=True, colors=[colour], radii=_LABEL_RADIUS)
-    stream.log(paths.label(person), label, static=True)
+    label = rr.Points3D.from_fields(show_labels=True, colors=[colour], radii=TEXT_RADIUS)
+    stream.log(paths.label(paths.person(person)), label, static=True)
     log_line(stream, paths.join(paths.REPROJECTION_PX, name), f"person {person}", colour)
     looks = {Presence.SEEN: colour, Presence.PREDICTED: palette.faded(colour), Presence.AWAY: palette.AWAY}
     lanes = rr.StateConfiguration(values=[state.name.lower() for state in looks], colors=list(looks.values()))
@@ -299,25 +299,14 @@ def person_rows(
     """
     name = paths.person(person)
     yield from body_rows(name, trajectory, rig, person_colour(person), before=before)
-    label_m = _above(trajectory.positions_m, up)
+    label_m = over_joints_m(trajectory.positions_m, up)
     known = np.isfinite(label_m).all(axis=-1)
     is_seen = np.asarray(trajectory.observed.any(axis=1))[known]
     texts = [f"{person}" if seen else f"{person} predicted" for seen in is_seen]
-    yield Rows(paths.label(person), rr.Points3D, known.astype(int), {"positions": label_m[known], "labels": texts})
+    yield Rows(paths.label(name), rr.Points3D, known.astype(int), {"positions": label_m[known], "labels": texts})
     if trajectory.residual_px is not None:
         error_px = median_of_known(trajectory.residual_px.reshape(trajectory.n_frames, -1))
         yield scalar_rows(paths.join(paths.REPROJECTION_PX, name), error_px)
-
-
-def _above(
-    positions_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, " 3"]
-) -> Float[np.ndarray, "frame 3"]:
-    """Over the middle of the joints, above the highest; NaN where none is known."""
-    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
-    count = np.count_nonzero(known, axis=1, keepdims=True)
-    middle_m = np.where(known[..., None], positions_m, 0.0).sum(axis=1) / np.where(count > 0, count, np.nan)
-    highest_m = np.where(known, positions_m @ up, -np.inf).max(axis=1, keepdims=True)
-    return middle_m + (highest_m + _LABEL_ABOVE_M - middle_m @ up[:, None]) * up
 
 
 def absent(trajectory: Trajectory) -> Trajectory:

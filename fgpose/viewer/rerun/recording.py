@@ -33,6 +33,7 @@ from fgpose.viewer.rerun.people import (
     update_rows,
 )
 from fgpose.viewer.rerun.results import (
+    ResultLook,
     log_residual_styles,
     log_scene,
     observation_rows,
@@ -43,6 +44,7 @@ from fgpose.viewer.rerun.rows import scalar_rows
 from fgpose.viewer.rerun.session import RerunSession, Target
 
 _EARLIER_THICKNESS = 0.5  # of all results but the last, which shall stand out
+_LOWEST_NAME_M, _NAME_STEP_M = 0.15, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ class RerunRecording(RerunSession, Recording):
     def log_trajectory(self, name: str, trajectory: Trajectory, every: int = 1) -> None:
         self._check_trajectory(name, trajectory)
         shown = trajectory.frames(self._kept_of(f"trajectory {name} has", every))
-        self._send(trajectory_rows(name, shown, self._rig, *self._look(name)), shown.time_s, step=self._every)
+        self._send(trajectory_rows(name, shown, self._rig, self._look(name)), shown.time_s, step=self._every)
 
     def log_residuals(
         self,
@@ -173,14 +175,16 @@ class RerunRecording(RerunSession, Recording):
         if estimate.frame % self._every:
             return
         before = self._last_status.get(name)
-        rows = trajectory_rows(name, trajectory, self._rig, *self._look(name), before)
+        rows = trajectory_rows(name, trajectory, self._rig, self._look(name), before)
         self._send(rows, trajectory.time_s, estimate.frame)
         self._last_status[name] = trajectory.status[0]
 
-    def _look(self, name: str) -> tuple[palette.Colour, float]:
-        """Colour and thickness of a result; the last one stands out."""
-        index = self._results.index(name)
-        return palette.trajectory_colour(name, index), 1.0 if name == self._results[-1] else _EARLIER_THICKNESS
+    def _look(self, name: str) -> ResultLook:
+        """The last one stands out, names stand above each other."""
+        index, n_results = self._results.index(name), len(self._results)
+        over_m = (_LOWEST_NAME_M + _NAME_STEP_M * (n_results - 1 - index)) * up_vector(self._up)
+        thickness = 1.0 if name == self._results[-1] else _EARLIER_THICKNESS
+        return ResultLook(palette.trajectory_colour(name, index), thickness, over_m if n_results > 1 else None)
 
     def _name_factors(self, factors: tuple[str, ...]) -> None:
         if factors != self._factors:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
@@ -17,12 +18,15 @@ from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import Colour, weight_colours
 from fgpose.viewer.rerun.rows import Rows, document_rows, point_rows, scalar_rows
 from fgpose.viewer.rerun.scene import (
+    TEXT_RADIUS,
     annotation_class,
     body_rows,
     log_body_styles,
     log_cameras,
+    log_legend,
     log_line,
     median_of_known,
+    over_joints_m,
 )
 
 # Of Rerun's annotations; cameras and results follow, see _log_annotations.
@@ -46,6 +50,9 @@ def log_scene(
         log_line(stream, paths.join(paths.WEIGHT, name), name, colour)
     for index, name in enumerate(trajectories):
         _log_trajectory_styles(stream, rig, skeleton, name, index)
+    limbs = _limb_colours(skeleton)
+    sides = [(f"{limb} {side}", colour) for limb, both in limbs.items() for side, colour in both.items()]
+    log_legend(stream, paths.LIMB_LEGEND, [name for name, _ in sides], [colour for _, colour in sides])
     log_line(stream, paths.UPDATE_MS, "update", palette.camera_colour(0))
 
 
@@ -70,12 +77,20 @@ def _log_trajectory_styles(
 ) -> None:
     colour = palette.trajectory_colour(name, index)
     log_body_styles(stream, rig, skeleton, name, 1 + rig.n_cameras + index, colour)
+    label = rr.Points3D.from_fields(show_labels=True, colors=[palette.of_text(colour)], radii=TEXT_RADIUS)
+    stream.log(paths.label(name), label, static=True)
     for c, camera in enumerate(rig.names):
         log_line(stream, paths.join(paths.REPROJECTION_PX, name, camera), camera, palette.camera_colour(c))
-    for limb, of_limb in zip(paths.limb_names(skeleton), palette.LIMBS * len(skeleton.limbs), strict=False):
-        path = paths.join(paths.BONE_LENGTH, name, limb)
-        log_line(stream, f"{path}/left", f"{limb} left", of_limb, 2.0)
-        log_line(stream, f"{path}/right", f"{limb} right", palette.faded(of_limb, 0.35), 1.0)
+    for limb, sides in _limb_colours(skeleton).items():
+        for side, colour in sides.items():
+            path = paths.join(paths.BONE_LENGTH, name, limb, side)
+            log_line(stream, path, f"{limb} {side}", colour, 2.0 if side == "left" else 1.0)
+
+
+def _limb_colours(skeleton: Skeleton) -> dict[str, dict[str, Colour]]:
+    """Of the lines of left and right limbs."""
+    colours = zip(paths.limb_names(skeleton), palette.LIMBS * len(skeleton.limbs), strict=False)
+    return {limb: {"left": colour, "right": palette.faded(colour, 0.35)} for limb, colour in colours}
 
 
 def log_residual_styles(stream: rr.RecordingStream, rig: CameraRig, skeleton: Skeleton, factors: Sequence[str]) -> None:
@@ -109,26 +124,37 @@ def observation_rows(
             yield point_rows(paths.view(name), rr.Points3D, observations.points3d_m[:, c])
 
 
+@dataclass(frozen=True, eq=False)
+class ResultLook:
+    """How a result is told from others."""
+
+    colour: Colour
+    thickness: float
+    """Of its skeleton; 1 for a final result."""
+    name_over_m: Float[np.ndarray, " 3"] | None
+    """Where its name stands, over the highest joint; None: nowhere, as there is no other."""
+
+
 def trajectory_rows(
-    name: str,
-    trajectory: Trajectory,
-    rig: CameraRig,
-    colour: Colour,
-    thickness: float = 1.0,
-    before: np.ndarray | None = None,
+    name: str, trajectory: Trajectory, rig: CameraRig, look: ResultLook, before: np.ndarray | None = None
 ) -> Iterator[Rows]:
-    """Skeleton, covariance, reprojections, status and plots of a result.
+    """Skeleton, name, covariance, reprojections, status and plots of a result.
 
     Args:
         name: of the result.
         trajectory: one frame or more.
         rig: the cameras.
-        colour: of the result.
-        thickness: of its skeleton; 1 for a final result.
+        look: of the result.
         before: (J,) status in the frame before the first, if there was one.
     """
     skeleton, positions_m = trajectory.skeleton, trajectory.positions_m
-    yield from body_rows(name, trajectory, rig, colour, thickness, before)
+    yield from body_rows(name, trajectory, rig, look.colour, look.thickness, before)
+    if look.name_over_m is not None:
+        height_m = float(np.linalg.norm(look.name_over_m))
+        place_m = over_joints_m(positions_m, look.name_over_m / height_m, height_m)
+        known = np.isfinite(place_m).all(axis=-1)
+        fields = {"positions": place_m[known], "labels": [name] * int(known.sum())}
+        yield Rows(paths.label(name), rr.Points3D, known.astype(int), fields)
     if trajectory.residual_px is not None:
         for camera, residual_px in zip(rig.names, trajectory.residual_px.swapaxes(0, 1), strict=True):
             yield scalar_rows(paths.join(paths.REPROJECTION_PX, name, camera), median_of_known(residual_px))

@@ -19,6 +19,8 @@ from fgpose.viewer.rerun.rows import Rows, bone_rows, ellipsoid_rows, point_rows
 # Reprojections are smaller, so that a detection below one stays visible.
 _DETECTION_RADIUS = rr.Radius.ui_points(3.5)
 _REPROJECTION_RADIUS = rr.Radius.ui_points(1.5)
+_LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
+TEXT_RADIUS = rr.Radius.ui_points(0.5)  # the text is to be seen, not its point
 # Pictures are a little darker, so that white skeletons and yellow points stand out.
 _PICTURE_OPACITY = 0.7
 _PICTURE_DRAW_ORDER = -10.0  # below all points
@@ -28,7 +30,7 @@ _DEFAULT_DISTANCE_M = 3.0
 _FRUSTUM_SHARE = 0.14
 # Thick enough to be seen from the distance of the cameras, thinner than a wrist.
 _JOINT_RADIUS_M = 0.017
-_BONE_RADIUS_M = 0.007
+_BONE_RADIUS_M = 0.009
 # A predicted joint is half as thick as an observed one, and paler.
 _PREDICTED_SCALE = 0.5
 
@@ -39,6 +41,35 @@ def log_cameras(stream: rr.RecordingStream, rig: CameraRig, up: UpAxis, colours:
     stream.log(paths.WORLD, getattr(rr.ViewCoordinates, f"RIGHT_HAND_{up[1].upper()}_{sign}"), static=True)
     for camera, colour in zip(rig.cameras, colours, strict=True):
         _log_camera(stream, camera, colour, frustum_m(rig))
+    log_camera_names(stream, rig, rig.names, colours)
+    log_legend(stream, paths.CAMERA_LEGEND, rig.names, [palette.camera_colour(c) for c in range(rig.n_cameras)])
+
+
+def log_camera_names(
+    stream: rr.RecordingStream, rig: CameraRig, names: Sequence[str], colours: Sequence[Colour]
+) -> None:
+    """What is written at each camera."""
+    text = rr.Points3D(
+        rig.positions_m,
+        labels=list(names),
+        colors=[palette.of_text(colour) for colour in colours],
+        radii=TEXT_RADIUS,
+        show_labels=True,
+    )
+    stream.log(paths.CAMERA_NAMES, text, static=True)
+
+
+def log_legend(stream: rr.RecordingStream, path: str, names: Sequence[str], colours: Sequence[Colour]) -> None:
+    """Names below each other, in the colours of lines: beside a plot, where they hide nothing."""
+    places = [(0.0, float(row)) for row in range(len(names))]
+    legend = rr.Points2D(
+        places,
+        labels=list(names),
+        colors=[palette.of_text(colour, 0.15) for colour in colours],
+        radii=TEXT_RADIUS,
+        show_labels=True,
+    )
+    stream.log(path, legend, static=True)
 
 
 def frustum_m(rig: CameraRig) -> float:
@@ -177,6 +208,17 @@ def _skeleton_rows(path: str, trajectory: Trajectory, colour: Colour, thickness:
     radii = _JOINT_RADIUS_M * scale[joint]
     yield point_rows(f"{path}/joints", rr.Points3D, trajectory.positions_m, pair[joint], radii)
     yield bone_rows(f"{path}/bones", trajectory.positions_m, bones, pair[bone], _BONE_RADIUS_M * scale[bone])
+
+
+def over_joints_m(
+    positions_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, " 3"], height_m: float = _LABEL_ABOVE_M
+) -> Float[np.ndarray, "frame 3"]:
+    """Over the middle of the joints, above the highest; NaN where none is known."""
+    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
+    count = np.count_nonzero(known, axis=1, keepdims=True)
+    middle_m = np.where(known[..., None], positions_m, 0.0).sum(axis=1) / np.where(count > 0, count, np.nan)
+    highest_m = np.where(known, positions_m @ up, -np.inf).max(axis=1, keepdims=True)
+    return middle_m + (highest_m + height_m - middle_m @ up[:, None]) * up
 
 
 def median_of_known(values: Float[np.ndarray, "frame joint"]) -> Float[np.ndarray, " frame"]:

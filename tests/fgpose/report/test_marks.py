@@ -14,7 +14,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.tables import write_table
 from fgpose.io.trajectories import save_trajectory
 from fgpose.report import FinishedRecording
-from fgpose.report.blocks import Plot, Section
+from fgpose.report.blocks import Section
 from fgpose.report.plots import TIME_AXIS
 from fgpose.report.sections import sections
 from fgpose.report.study_results import load_study
@@ -31,7 +31,7 @@ def walk(rig: CameraRig, skeleton: Skeleton) -> FinishedRecording:
 
 def lines_over_time(made: list[Section]) -> list[list[float]]:
     """Times of the lines of each figure over time."""
-    plots = [block.model for section in made for block in section.blocks if isinstance(block, Plot)]
+    plots = [plot.model for section in made for plot in section.plots]
     return [
         [
             time_s

@@ -257,7 +257,7 @@ OTHER_FAULTS = [
     (far_away, "", "outside of the volume that two cameras see"),
     (same_confidence, "", "all detections have the confidence 0.5"),
     (dropped_frames, "", "frames are missing at 1 moments"),
-    (coarse, "ring_3", "calibration coarse: the focal length is not determined"),
+    (coarse, "ring_3", "calibration coarse, camera ring_3: the focal length is not determined"),
 ]
 
 
@@ -294,6 +294,23 @@ def test_a_planted_fault_is_named(
     assert named, [suspicion.reason for suspicion in found]
     assert all(suspicion.remedy and 0 < suspicion.weight <= 1 for suspicion in found)
     assert [suspicion.weight for suspicion in found] == sorted((each.weight for each in found), reverse=True)
+
+
+def test_cameras_that_the_same_helps_against_are_named_together(walk: FinishedRecording) -> None:
+    findings = tuple(
+        CalibrationFinding(camera, grade, f"its place is known to {share} % only", "walk through its whole view")
+        for camera, grade, share in (("ring_1", Grade.COARSE, 3), ("ring_3", Grade.COARSE, 4), ("", Grade.FAILED, 9))
+    )
+    found = [(each.reason, each.remedy, each.camera) for each in quality(replace(walk, findings=findings)).suspicions]
+    assert found == [
+        ("calibration failed, all cameras: its place is known to 9 % only", "Walk through its whole view.", ""),
+        (
+            "calibration coarse, camera ring_1: its place is known to 3 % only; camera ring_3: its place is known to "
+            "4 % only",
+            "Walk through its whole view.",
+            "",
+        ),
+    ]
 
 
 def test_a_late_camera_is_late_by_no_more_than_it_is(walk: FinishedRecording) -> None:

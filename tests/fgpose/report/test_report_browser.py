@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fgpose.geometry.camera import CameraRig
@@ -32,7 +33,7 @@ _DRAWN = """(() => {
     [...(each.tagName === "CANVAS" ? [each] : []), ...(each.shadowRoot ? canvases(each.shadowRoot) : [])]);
   const isDrawn = (canvas) => canvas.width > 0
     && canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value > 0);
-  const isShown = (plot) => !plot.closest("[hidden]");
+  const isShown = (plot) => !plot.closest("[hidden], details:not([open])");
   return [...document.querySelectorAll(".plot")].filter(isShown).map((plot) => canvases(plot).some(isDrawn));
 })()"""
 
@@ -76,12 +77,44 @@ def test_a_browser_shows_a_recording(rig: CameraRig, skeleton: Skeleton, tmp_pat
             "views[0].references && [...views[0].references()].some((part) => part.axis_label_text_color === '#9aa5b1')"
         )
     assert complaints == []
-    assert len(drawn) > 10
+    assert len(drawn) > 5
     assert all(drawn)
     assert loaded == 0
     assert len(starts) > 5
     assert set(starts) == {2}
     assert zooms
+
+
+# 1280 px wide; with everything shown it was more than 13,000 px.
+_HIGHEST_PX = 6500
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_page_of_a_minute_is_short_until_it_is_unfolded(rig: CameraRig, skeleton: Skeleton, tmp_path: Path) -> None:
+    from finished_walk import changed, finished_walk
+
+    pytest.importorskip("bokeh")
+    walk = finished_walk(rig, skeleton)
+    over_time = ("positions_m", "status", "covariance_m2", "residual_px", "visibility")
+    tiled = {name: np.concatenate(6 * [getattr(walk.main, name)]) for name in over_time}
+    minute = changed(replace(walk, observations={}), time_s=np.arange(6 * walk.main.n_frames) / 30, **tiled)
+    write_report(minute, tmp_path / "report.html")
+    with opened(tmp_path / "report.html") as page:
+        height_px, n_first = page.value("document.documentElement.scrollHeight"), page.value("views.length")
+        page.value("views.find(isOverTime).x_range.setv({start: 2, end: 3})")
+        page.value("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+        n_all = page.value("document.querySelectorAll('.plot').length")
+        page.wait_for(f"document.documentElement.dataset.plots === '{n_all}'")
+        drawn, complaints = page.value(_DRAWN), page.value("complaints")
+        # They show the time that the others show.
+        starts = page.value("views.filter(isOverTime).map((view) => view.x_range.start)")
+    assert height_px < _HIGHEST_PX
+    assert n_first < 12 < n_all
+    assert len(drawn) == n_all
+    assert all(drawn)
+    assert complaints == []
+    assert set(starts) == {2}
 
 
 # Of what is shown: headings in order, pictures with words, and controls with names.
@@ -114,7 +147,7 @@ def test_a_browser_shows_the_person_who_is_chosen(rig: CameraRig, skeleton: Skel
     write_report(two, tmp_path / "report.html")
     visible = "[...document.querySelectorAll('.of-person:not([hidden]) > h3')].map((each) => each.innerText)"
     with opened(tmp_path / "report.html") as page:
-        n_all = page.value("document.querySelectorAll('.plot').length")
+        n_all = page.value("[...document.querySelectorAll('.plot')].filter((each) => !each.closest('details')).length")
         n_first, first = page.value("views.length"), page.value(visible)
         page.value("views.find(isOverTime).x_range.setv({start: 6, end: 7})")
         page.value("document.getElementById('person').focus()")
@@ -137,7 +170,7 @@ def test_a_browser_shows_the_person_who_is_chosen(rig: CameraRig, skeleton: Skel
     assert set(second) == {"Person 8"}
     assert again == first
     assert len(first) == len(second) == 5
-    assert n_first < n_all - 5
+    assert n_first < n_all - 3
     assert all(drawn)
     assert complaints == []
     assert set(starts) == {6}

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from finished_walk import FPS, finished_walk
+from finished_walk import FPS, changed, finished_walk
 
 from fgpose.association.track import TrackEvent
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
@@ -29,12 +29,14 @@ from fgpose.report import (
     load_finished,
     write_report,
 )
+from fgpose.report.blocks import Block, Folded, PicturedMoment, Plot, Section, Table
 from fgpose.report.page import Page, html
 from fgpose.report.plots import TIME_AXIS, share_time
 from fgpose.report.sections import sections
 from fgpose.report.sections.angles import angle_section
+from fgpose.report.sections.body import sigma_section
 from fgpose.report.sections.cameras import reprojection_section, seen_section
-from fgpose.report.sections.moments import WorstMoment, worst_moments
+from fgpose.report.sections.worst_moments import WorstMoment
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
@@ -67,7 +69,8 @@ def test_a_report_has_all_sections_and_loads_nothing(walk: FinishedRecording, tm
     assert not LOADS.search(page)
     assert "default-src 'none'" in page
     # Tables are tables, and figures are valid JSON.
-    assert page.count("<caption>") >= 5
+    assert page.count("<caption>") >= 4
+    assert page.count("</table>") >= 7
     data = re.findall(
         r'<script type="application/json" class="plot-data" data-for="([^"]+)">(.*?)</script>', page, re.S
     )
@@ -139,6 +142,52 @@ def test_one_person_is_shown_at_a_time(walk: FinishedRecording) -> None:
     assert "data-person=" not in alone
 
 
+def folded(section: Section) -> dict[str, tuple[Block, ...]]:
+    return {block.title: block.blocks for block in section.blocks if isinstance(block, Folded)}
+
+
+def test_maps_that_say_nothing_are_folded_with_a_line_that_says_so(walk: FinishedRecording) -> None:
+    said = list(folded(seen_section(walk)))
+    assert said == [
+        "Share of the joints that each camera sees: all of them",
+        "Number of cameras that see each joint: 4 in 100 % of all frames",
+    ]
+    (sigma,) = [title for title in folded(sigma_section(walk)) if "over time" in title]
+    assert sigma.endswith("0.0 % of it is more than twice the median")
+    # One camera sees nobody for half of the time: both maps say something, and are shown.
+    residual_px = np.array(walk.main.residual_px)
+    residual_px[150:, 2] = np.nan
+    assert folded(seen_section(changed(walk, residual_px=residual_px))) == {}
+    # A joint that two cameras miss for a moment is a line.
+    residual_px = np.array(walk.main.residual_px)
+    residual_px[150:165, :2, walk.main.skeleton.index("left_wrist")] = np.nan
+    _, of_joints = folded(seen_section(changed(walk, residual_px=residual_px)))
+    assert of_joints.endswith(" % of all frames, of left_wrist in 95 %")
+    covariance_m2 = np.array(walk.main.covariance_m2)
+    covariance_m2[30:60] *= 25
+    of_unsure = folded(sigma_section(changed(walk, covariance_m2=covariance_m2)))
+    assert not any("over time" in title for title in of_unsure)
+
+
+def test_what_is_shown_first_is_short(walk: FinishedRecording) -> None:
+    made = sections(walk)
+    assert [section.anchor for section in made[:2]] == ["worst", "seen"]
+    shown = [block for section in made for block in section.blocks]
+    tables = [block for block in shown if isinstance(block, Table)]
+    n_joints = walk.main.skeleton.n_joints
+    assert all(len(table.rows) < n_joints for table in tables if table.caption != "Recording")
+    assert sum(isinstance(block, Plot) for block in shown) < 12
+    assert sum(isinstance(block, PicturedMoment) for block in shown) == 2
+    # Nothing is lost: what is folded is on the page, and its figures are drawn when they are asked for.
+    page = html(Page("walk", "Recording", "", made))
+    n_plots = sum(len(section.plots) for section in made)
+    assert n_plots > 20
+    assert page.count('class="plot-data"') == n_plots
+    for section in made:
+        for title in folded(section):
+            assert f"<details><summary>{title}</summary>" in page.replace("&#39;", "'")
+
+
 def test_figures_over_time_have_one_axis(walk: FinishedRecording) -> None:
     late = replace(walk.main, time_s=walk.main.time_s + 5)
     recording = replace(walk, people={0: walk.main, 1: late}, observations={})
@@ -168,23 +217,11 @@ def test_bands_hold_95_percent_and_axes_do_not_magnify_errors(walk: FinishedReco
     assert min(spans_deg) >= 20
 
 
-def test_worst_moments_are_where_it_is_worst(walk: FinishedRecording) -> None:
-    covariance_m2 = np.array(walk.main.covariance_m2)
-    covariance_m2[200:204] *= 100
-    moments = worst_moments(replace(walk, people={0: replace(walk.main, covariance_m2=covariance_m2)}))
-    assert len(moments) == 5
-    (worst,) = [moment for moment in moments if 200 <= moment.frame < 204]
-    assert worst.reason.startswith("sigma of ")
-    assert worst.reason.endswith("4 of 4 cameras see " + worst.joints[0])
-    # Apart by a second, in the order of time.
-    assert (np.diff([moment.time_s for moment in moments]) >= 1.0).all()
-
-
 def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_path: Path) -> None:
     from fgpose.report.sections.moments import pictures
 
     assert walk.rig is not None
-    moments = worst_moments(walk)[:2]
+    moments = [WorstMoment(0, frame, frame / FPS, "", ("pelvis",)) for frame in (12, 31)]
     first, *others = (tmp_path / name for name in walk.rig.names)
     first.mkdir()
     for frame in range(max(moment.frame for moment in moments) + 1):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -43,6 +44,17 @@ def study(walk: FinishedRecording, folder: Path, name: str = "") -> None:
     }
     table = pa.table({**columns, **numbers})
     write_table(folder / "quality.parquet", table.replace_schema_metadata({"fgpose.study": name} if name else None))
+
+
+def test_the_legend_is_not_over_the_outliers(tmp_path: Path) -> None:
+    recordings = [StudyRecording(f"S{n}", {"reprojection_px": 5.0 + n % 3, "sigma_mm": 9.0 + n % 2}) for n in range(9)]
+    recordings.append(StudyRecording("S9", {"reprojection_px": 40.0, "sigma_mm": 90.0}))
+    write_study_report(recordings, tmp_path / "study.html")
+    (model,) = re.findall(r'class="plot-data"[^>]*>(.*?)</script>', (tmp_path / "study.html").read_text())
+    (figure,) = json.loads(model)["doc"]["roots"]
+    of_sides = {side: [each["name"] for each in figure["attributes"].get(side, [])] for side in ("below", "center")}
+    assert "Legend" in of_sides["below"]
+    assert "Legend" not in of_sides["center"]
 
 
 def test_a_study_links_the_reports_of_its_recordings(walk: FinishedRecording, tmp_path: Path) -> None:

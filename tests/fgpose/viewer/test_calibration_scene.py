@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from calibrated_walks import FPS, N_FRAMES, SKELETON, calibrated, joints_m, seen_px, true_rig
-from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, entities, rows, static_value, values, view_origins
+from rrd_contents import (
+    METRE_TOLERANCE,
+    PIXEL_TOLERANCE,
+    entities,
+    rows,
+    static_value,
+    static_values,
+    values,
+    view_origins,
+)
 
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
 from fgpose.geometry.epipolar_distance import epipolar_distances_px, pairs_px
@@ -76,28 +84,18 @@ def test_every_pair_of_cameras_is_compared(file: Path, result: CalibratedFromPeo
 
 
 def test_how_sure_the_cameras_are(file: Path) -> None:
-    centres = static_list(file, "/world/camera_sigmas", "Ellipsoids3D:centers")
+    centres = static_values(file, "/world/camera_sigmas", "Ellipsoids3D:centers")
     np.testing.assert_allclose(centres, [camera.position_m for camera in RIG.cameras], atol=METRE_TOLERANCE)
     # 30 mm are the root of the sum over three axes; 2.5 standard deviations of one axis hold 90 %.
-    half_sizes = static_list(file, "/world/camera_sigmas", "Ellipsoids3D:half_sizes")
+    half_sizes = static_values(file, "/world/camera_sigmas", "Ellipsoids3D:half_sizes")
     np.testing.assert_allclose(half_sizes, 2.5003 * 0.03 / np.sqrt(3), rtol=1e-6)
-    assert static_list(file, "/world/camera_sigmas", "Ellipsoids3D:labels")[1] == "ring_1 ± 30 mm"
-
-
-def static_list(path: Path, entity: str, component: str) -> list[Any]:
-    from rerun.chunk import RrdReader
-
-    for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():
-        batch = chunk.to_record_batch()
-        if component in batch.schema.names:
-            return batch[component].to_pylist()[0]
-    raise AssertionError(f"{entity} has no {component}")
+    assert static_values(file, "/world/camera_names", "Points3D:labels")[1] == "ring_1 ± 30 mm"
 
 
 def test_the_way_the_floor_and_the_verdict(file: Path, result: CalibratedFromPeople) -> None:
-    way = static_list(file, "/world/walked", "LineStrips3D:strips")
+    way = static_values(file, "/world/walked", "LineStrips3D:strips")
     np.testing.assert_allclose(way[0], hips_m(result.joints_m, SKELETON), atol=METRE_TOLERANCE)
-    outline = np.array(static_list(file, "/world/floor", "LineStrips3D:strips")[0])
+    outline = np.array(static_values(file, "/world/floor", "LineStrips3D:strips")[0])
     assert not outline[:, 2].any()
     np.testing.assert_array_equal(outline[0], outline[-1])
     np.testing.assert_allclose(static_value(file, "/world/vertical", "Arrows3D:vectors"), [0, 0, 1])
@@ -112,7 +110,7 @@ def test_the_layout_shows_them(file: Path) -> None:
     assert {f"/plots/epipolar_px/{name}" for name in RIG.names} <= origins["TimeSeries"]
     assert "/plots/reprojection_px/walk" in origins["TimeSeries"]
     assert origins["TextDocument"] == {"/report"}
-    assert {f"/world/camera/{name}/image" for name in RIG.names} == origins["2D"]
+    assert {f"/world/camera/{name}/image" for name in RIG.names} | {"/legend/cameras"} == origins["2D"]
 
 
 def test_a_failed_calibration_has_a_scene_but_no_rig(tmp_path: Path, result: CalibratedFromPeople) -> None:
@@ -137,7 +135,7 @@ def test_what_is_not_known_is_left_out(tmp_path: Path, result: CalibratedFromPeo
         show_calibrated(unknown, recording)
     assert "/world/walk/bones" in entities(tmp_path / "rig.rrd")
     with pytest.raises(AssertionError, match="has no"):
-        static_list(tmp_path / "rig.rrd", "/world/camera_sigmas", "Ellipsoids3D:centers")
+        static_values(tmp_path / "rig.rrd", "/world/camera_sigmas", "Ellipsoids3D:centers")
 
 
 def test_nothing_is_shown_without_a_file(

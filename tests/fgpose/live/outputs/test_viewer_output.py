@@ -13,7 +13,17 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, camera, entities, rows, static_value, values, view_origins
+from rrd_contents import (
+    METRE_TOLERANCE,
+    PIXEL_TOLERANCE,
+    camera,
+    entities,
+    layout_value,
+    rows,
+    static_value,
+    values,
+    view_origins,
+)
 
 from fgpose.association.track import Tracked, TrackEvent, TrackState
 from fgpose.cli import viewers
@@ -34,6 +44,7 @@ from tests.fgpose.full_disk import FullDisk
 from tests.fgpose.live.output_frames import wait_until
 
 pytest.importorskip("rerun")
+
 # The file has no footer, which would grow in memory; Rerun's reader says so.
 pytestmark = [
     pytest.mark.usefixtures("strict_and_silent"),
@@ -197,9 +208,16 @@ def test_the_layout_shows_the_system(file: Path) -> None:
     origins = view_origins(file)
     assert origins["StateTimeline"] == {"/tracks", "/cameras", "/status"}
     assert {"/plots/delay_ms", "/plots/observed"} < origins["TimeSeries"]
-    shown_entities = entities(file)
+    shown_entities = entities(file) | {"/legend/cameras"}
     for where in set().union(*origins.values()):
         assert any(entity == where or entity.startswith(f"{where}/") for entity in shown_entities), where
+
+
+def test_it_opens_on_what_was_seen_last(file: Path) -> None:
+    from rerun.blueprint.components import PlayState
+
+    # At the beginning nobody is there.
+    assert layout_value(file, "TimePanelBlueprint:play_state") == PlayState.Following.value
 
 
 def test_every_state_of_a_camera_has_a_colour() -> None:
