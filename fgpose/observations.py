@@ -211,6 +211,12 @@ class Observations(Shown):
         chosen = list(joints)
         return replace(self, skeleton=skeleton, **self.per_detection(lambda array: array[:, :, chosen]))
 
+    def without_joint(self, joint: int) -> Observations:
+        """As if no camera had detected one joint."""
+        detected = np.zeros(self.confidence.shape, dtype=bool)
+        detected[:, :, joint] = True
+        return replace(self, **self.per_detection(lambda array: blanked(array, detected)))
+
     def subset(self, camera_names: tuple[str, ...] | list[str]) -> Observations:
         """Some of the cameras, in the order given. Raises ValueError for an unknown name."""
         check_names(camera_names, self.camera_names, "the keypoints have no camera", "they have")

@@ -26,12 +26,24 @@ class BodyPart:
     name: str
     joints: tuple[int, ...]
     hangs_on: tuple[int, int]
-    """A joint of the rest, and the joint of the part that is at the same place."""
+    """A joint of the rest, and the joint of the part that is at the same place; or that joint of the rest twice, which
+    bones join to the part."""
     carried_by: tuple[int, ...] = ()
     """Of a part that is one rigid set of points, those that place it; none where its bones move."""
     relative_sigma: float = 1.0
     """Standard deviation of its detections and of its bones, in that of a body's: 0.33 of hands, 0.17 of faces, by the
     spread of annotations (COCO-WholeBody, Jin et al. 2020)."""
+
+    @property
+    def is_joined(self) -> bool:
+        """Whether bones join it to the joint on which it hangs, in place of a joint of its own there."""
+        return self.hangs_on[0] == self.hangs_on[1]
+
+    @property
+    def estimated(self) -> tuple[int, ...]:
+        """The joints that are estimated together: those of the part, or those that carry it; and first that of the rest
+        to which bones join it."""
+        return (self.hangs_on[0], *self.joints) if self.is_joined else self.carried_by or self.joints
 
 
 @dataclass(frozen=True, init=False)
@@ -125,7 +137,8 @@ class Skeleton:
             if not 0 < part.relative_sigma <= 1:
                 raise ValueError(f"skeleton {self.name}: relative_sigma of {what} must be in (0, 1]")
             part_of.update(dict.fromkeys(part.joints, part.name))
-            if not {part.hangs_on[1], *part.carried_by} <= set(part.joints):
+            own = {*part.carried_by, *(() if part.is_joined else part.hangs_on[1:])}
+            if not own <= set(part.joints):
                 raise ValueError(f"skeleton {self.name}: {what} hangs on or is carried by a joint that is not in it")
             if part.carried_by and (len(part.carried_by) < 3 or part.hangs_on[1] not in part.carried_by):
                 raise ValueError(
@@ -135,8 +148,10 @@ class Skeleton:
         for joint in (*self.root, *(part.hangs_on[0] for part in self.parts)):
             if joint in part_of:
                 raise ValueError(f"skeleton {self.name}: {self.joints[joint]} is in {part_of[joint]}, not of the body")
+        joined = {(part.hangs_on[0], part.name) for part in self.parts if part.is_joined}
         for bone in self.bones:
-            if part_of.get(bone[0]) != part_of.get(bone[1]):
+            between = {(bone[0], part_of.get(bone[1])), (bone[1], part_of.get(bone[0]))}
+            if part_of.get(bone[0]) != part_of.get(bone[1]) and not between & joined:
                 raise ValueError(f"skeleton {self.name}: bone {self.bone_name(bone)} joins a part to something else")
 
     def _indices(self, joints: Iterable[int | str]) -> tuple[int, ...]:

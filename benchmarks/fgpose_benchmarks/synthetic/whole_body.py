@@ -34,6 +34,12 @@ _HEAD = {
 }
 # Of a foot, from the ankle: forward, to its outer side, up.
 _FOOT = {"big_toe": (0.16, -0.02, -0.07), "small_toe": (0.13, 0.04, -0.07), "heel": (-0.05, 0.0, -0.07)}
+# Points on the surface, metres from the joint that holds them, in the world.
+_BESIDE = {
+    "acromion": ("shoulder", (0.0, 0.0, 0.03)),
+    "olecranon": ("elbow", (0.0, 0.02, 0.0)),
+    "cubital_fossa": ("elbow", (0.0, -0.02, 0.0)),
+}
 _SPEECH_M, _SPEECH_HZ = 0.006, 2.5  # how far and how often the lips open
 
 
@@ -64,6 +70,8 @@ def whole_body_of(
             at[f"{side}_{part}"] = at[f"{side}_ankle"] + ahead_m * forward + across + np.array([0.0, 0.0, up_m])
         at |= {f"{side}_{finger}": at[f"{side}_{finger}_mcp"] for finger in ("pinky", "index", "thumb")}
         at |= {f"{side}_foot_index": at[f"{side}_big_toe"], f"{side}_mouth": at[f"{side}_mouth_corner"]}
+        for joint, (holder, offset_m) in _BESIDE.items():
+            at[f"{side}_{joint}"] = at[f"{side}_{holder}"] + np.array(offset_m)
     unknown = [joint for joint in skeleton.joints if joint not in at]
     if unknown:
         raise ValueError(f"the whole body has no joint {', '.join(unknown)} of skeleton {skeleton.name}")
@@ -87,7 +95,7 @@ def simulate_whole_body(
         share = part.relative_sigma
         exact = replace(noise, sigma_px=share * noise.sigma_px, correlated_px=share * noise.correlated_px)
         hides = replace(occlusion, hallucination_px=share * occlusion.hallucination_px)
-        own = skeleton.of_joints(part.joints, part.name, part.hangs_on[1])
+        own = skeleton.of_joints(part.joints, part.name)
         joints = list(part.joints)
         scenes.append((joints, simulate(truth_m[:, joints], own, rig, fps, exact, hides, seed + 1 + number)))
     first = scenes[0][1].observations

@@ -238,6 +238,17 @@ class Evidence:
         nowhere = nothing[..., None].repeat(3, axis=-1)
         return replace(self, views_m=nowhere, rays=nowhere, depth_sigma_m=nothing)
 
+    def unseen_joint(self, joint: int) -> Evidence:
+        """As if no camera had detected one joint."""
+        nothing = {}
+        for name in ("undistorted_px", "fused_m", "guess_m", "views_m", "rays", "depth_sigma_m"):
+            nothing[name] = getattr(self, name).copy()
+            axis = 2 if name in _OF_VIEWS else 1
+            nothing[name][(slice(None),) * axis + (joint,)] = np.nan
+        n_views, anchored = self.n_views.copy(), self.anchored.copy()
+        n_views[:, joint], anchored[:, joint] = 0, False
+        return replace(self, **nothing, n_views=n_views, anchored=anchored)
+
     def held(
         self, joint: int, at_m: Float[np.ndarray, "frame 3"], covariance_m2: Float[np.ndarray, "frame 3 3"]
     ) -> Evidence:

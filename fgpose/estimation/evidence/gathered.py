@@ -44,6 +44,8 @@ class Gathered:
     _config: Config
     _joints: tuple[int, ...] | None = None
     """Of some joints of the observations alone; None: of all."""
+    _unseen: tuple[int, ...] = ()
+    """Joints, of these, whose detections are left out."""
     _held: tuple[int, np.ndarray, np.ndarray] | None = None
     """See Evidence.held; of all frames."""
     _newest: dict[int, Evidence] = field(default_factory=dict, repr=False)
@@ -95,10 +97,18 @@ class Gathered:
             evidence = self._kept_part(start)
             parts.append((evidence if self._joints is None else evidence.joints(self._joints)).frames(own - start))
         found = concatenated(parts)
+        for joint in self._unseen:
+            found = found.unseen_joint(joint)
         if self._held is None:
             return found
         joint, at_m, covariance_m2 = self._held
         return found.held(joint, at_m[wanted], covariance_m2[wanted])
+
+    def unseen_joint(self, joint: int) -> Gathered:
+        """See Evidence.unseen_joint."""
+        guess_m, seen, located = self.guess_m.copy(), self._seen.copy(), self._located.copy()
+        guess_m[:, joint], seen[:, joint], located[:, joint] = np.nan, False, False
+        return replace(self, guess_m=guess_m, _seen=seen, _located=located, _unseen=(*self._unseen, joint))
 
     def joints(self, joints: Sequence[int]) -> Gathered:
         """See Evidence.joints; of all joints of the observations."""

@@ -42,10 +42,11 @@ def smooth_whole_body(
         smoothers: of the body, and of each part.
     """
     body = next(smoothers)(evidence.joints(skeleton.body), skeleton.of_joints(skeleton.body), config=config)
-    found: list[tuple[Sequence[int], Trajectory]] = [(skeleton.body, body)]
+    found: list[tuple[Sequence[int], Trajectory]] = []
     for part in skeleton.parts:
-        found.append((part.joints, _of_part(evidence, part, skeleton, body, rig, config, next(smoothers))))
-    return _joined(skeleton, found, config)
+        own = part.joints if part.carried_by else part.estimated
+        found.append((own, _of_part(evidence, part, skeleton, body, rig, config, next(smoothers))))
+    return _joined(skeleton, [*found, (skeleton.body, body)], config)
 
 
 def _of_part(
@@ -57,11 +58,13 @@ def _of_part(
     config: Config,
     smooth: Smooth,
 ) -> Trajectory:
-    own, of_part = alone(part, skeleton), evidence.joints(part.carried_by or part.joints)
+    own, of_part = alone(part, skeleton), evidence.joints(part.estimated)
     held_by, joint = skeleton.body.index(part.hangs_on[0]), own.root[0]
     body_m = body.positions_m[:, held_by]
     body_m2 = np.zeros((len(body_m), 3, 3)) if body.covariance_m2 is None else body.covariance_m2[:, held_by]
-    apart = apart_m(of_part.guess_m[:, joint] - body_m)
+    apart = 0.0 if part.is_joined else apart_m(of_part.guess_m[:, joint] - body_m)
+    if part.is_joined:  # the estimate of the body has used its detections
+        of_part = of_part.unseen_joint(joint)
     of_part = of_part.held(joint, body_m, place_covariance_m2(body_m2, apart, usual_step_s(evidence.time_s)))
     smoothed = smooth(of_part, own, config=config_of(part, config))
     return _carried(evidence, part, skeleton, smoothed, rig) if part.carried_by else smoothed
@@ -94,7 +97,7 @@ def _carried(
 
 
 def _joined(skeleton: Skeleton, found: list[tuple[Sequence[int], Trajectory]], config: Config) -> Trajectory:
-    """One trajectory of all: the body, which comes first, and the parts."""
+    """One trajectory of all: the parts, and the body, which comes last: a joint on which parts hang is the body's."""
     by_frame = ("positions_m", "status", "covariance_m2")
     arrays = {name: of_all_joints(found, name, skeleton.n_joints, 1) for name in by_frame}
     arrays |= {name: of_all_joints(found, name, skeleton.n_joints, 2) for name in ("residual_px", "visibility")}
@@ -104,7 +107,7 @@ def _joined(skeleton: Skeleton, found: list[tuple[Sequence[int], Trajectory]], c
         if each.bone_lengths_m is not None
     ]
     return replace(
-        found[0][1],
+        found[-1][1],
         skeleton=skeleton,
         bone_lengths_m=of_all_lengths(skeleton, lengths).lengths_m,
         convergence=Convergence.worst([each.convergence for _, each in found if each.convergence is not None]),

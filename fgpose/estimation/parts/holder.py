@@ -19,10 +19,11 @@ class Holder:
     Args:
         joint: index in the part.
         body_joint: index in the body.
+        is_same: whether they are one joint, and not two at one place.
     """
 
-    def __init__(self, joint: int, body_joint: int) -> None:
-        self._joint, self._body_joint = joint, body_joint
+    def __init__(self, joint: int, body_joint: int, *, is_same: bool) -> None:
+        self._joint, self._body_joint, self._is_same = joint, body_joint, is_same
         self._away_m: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
         self._body: list[Estimate] = []
 
@@ -42,5 +43,5 @@ class Holder:
             self._away_m.append(away_m)
         covariance_m2 = np.zeros((3, 3)) if body.covariance_m2 is None else body.covariance_m2[self._body_joint]
         step_s = body.time_s - self._body[0].time_s if len(self._body) > 1 else np.inf
-        apart = apart_m(np.array(self._away_m).reshape(-1, 3))
+        apart = 0.0 if self._is_same else apart_m(np.array(self._away_m).reshape(-1, 3))
         return evidence.held(self._joint, at_m[None], place_covariance_m2(covariance_m2[None], apart, step_s))

@@ -43,8 +43,8 @@ class HungPart:
     ) -> None:
         own = alone(part, skeleton)
         self.part, self._config, self._rig = part, config, rig
-        self._skeleton = skeleton.of_joints(part.joints, own.name, part.hangs_on[1])
-        self._holder = Holder(own.root[0], skeleton.body.index(part.hangs_on[0]))
+        self._skeleton = skeleton.of_joints(part.joints, own.name)
+        self._holder = Holder(own.root[0], skeleton.body.index(part.hangs_on[0]), is_same=part.is_joined)
         self.estimator = PartEstimator(rig, own, config_of(part, config), offsets, self._holder)
         self._rigid: RigidSet | None = None
         self._seen: Evidence | None = None
@@ -54,8 +54,10 @@ class HungPart:
     def take(self, images: Observations, taken_s: Float[np.ndarray, " camera"], body: Estimate) -> Estimate:
         """Images of all cameras and all joints, when the body was estimated from them."""
         self._holder.take(body)
-        joints = self.part.carried_by or self.part.joints
-        estimate = self.estimator.take(images.of_joints(self.estimator.skeleton, joints), taken_s)
+        own = images.of_joints(self.estimator.skeleton, self.part.estimated)
+        if self.part.is_joined:  # the estimate of the body has used the detections of the joint on which it hangs
+            own = own.without_joint(self.estimator.skeleton.root[0])
+        estimate = self.estimator.take(own, taken_s)
         return self._carried(estimate, images) if self.part.carried_by else estimate
 
     @property
@@ -111,8 +113,9 @@ class HungPart:
 
 def of_whole_body(skeleton: Skeleton, body: Estimate, parts: Sequence[Estimate]) -> Estimate:
     """One estimate of all joints, from those of the body and of its parts."""
-    joints = [skeleton.body, *(part.joints for part in skeleton.parts)]
-    found = list(zip(joints, [body, *parts], strict=True))
+    # The body comes last: a joint on which parts hang is the body's.
+    joints = [*(part.joints if part.carried_by else part.estimated for part in skeleton.parts), skeleton.body]
+    found = list(zip(joints, [*parts, body], strict=True))
     smoothed = [(joints, each.smoothed) for joints, each in found if each.smoothed is not None]
     lengths = [(each.skeleton, each.bone_lengths) for _, each in found if each.bone_lengths is not None]
     return replace(
@@ -127,4 +130,4 @@ def _joined(found: Sequence[tuple[Sequence[int], Estimate]], skeleton: Skeleton)
     arrays = {name: of_all_joints(found, name, skeleton.n_joints, 0) for name in ("positions_m", "status")}
     arrays["covariance_m2"] = of_all_joints(found, "covariance_m2", skeleton.n_joints, 0)
     arrays |= {name: of_all_joints(found, name, skeleton.n_joints, 1) for name in ("residual_px", "visibility")}
-    return replace(found[0][1], skeleton=skeleton, bone_lengths=None, smoothed=None, **arrays)
+    return replace(found[-1][1], skeleton=skeleton, bone_lengths=None, smoothed=None, **arrays)

@@ -47,7 +47,7 @@ def place_covariance_m2(
 def alone(part: BodyPart, skeleton: Skeleton) -> Skeleton:
     """The skeleton of a part, whose root is where it hangs: its own bones; of a rigid set of points, those that carry
     it, all joined."""
-    own = skeleton.of_joints(part.carried_by or part.joints, f"{skeleton.name}: {part.name}", part.hangs_on[1])
+    own = skeleton.of_joints(part.estimated, f"{skeleton.name}: {part.name}", part.hangs_on[1])
     if not part.carried_by:
         return own
     return Skeleton(own.name, own.joints, list(combinations(range(own.n_joints), 2)), own.root, own.left_right)

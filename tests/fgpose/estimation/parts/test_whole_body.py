@@ -137,6 +137,26 @@ def test_a_long_recording_gives_the_same(scene: Scene, smoothed: fgpose.Trajecto
     np.testing.assert_allclose(found.positions_m, smoothed.positions_m, rtol=0, atol=1e-9)
 
 
+def test_a_hand_that_bones_join_to_the_wrist_of_the_body():
+    """SAM 3D Body's hands have no root of their own."""
+    skeleton = fgpose.load_skeleton("mhr_70")
+    scene = scene_of(skeleton, DetectionNoise())
+    body = skeleton.of_joints(skeleton.body)
+    alone = fgpose.smooth(scene.observations.of_joints(body, skeleton.body), scene.rig)
+    found = fgpose.smooth(scene.observations, scene.rig)
+    np.testing.assert_array_equal(found.positions_m[:, list(skeleton.body)], alone.positions_m)
+    online = fgpose.Trajectory.from_estimates(
+        run(fgpose.Estimator(scene.rig, skeleton, WINDOW), scene, range(30)), scene.rig.names
+    )
+    for part in skeleton.parts:
+        # As of hands with a root.
+        assert np.mean(error_m(found, scene, part.joints)) < 0.007
+        assert coverage(found, scene, part.joints) >= 0.7
+        assert np.mean(error_m(online, replace(scene, truth_m=scene.truth_m[:30]), part.joints)[20:]) < 0.012
+    assert found.bone_lengths_m is not None
+    assert np.isfinite(found.bone_lengths_m).all()
+
+
 def test_progress_goes_through_all_parts(scene: Scene):
     told: list[tuple[int, int]] = []
     fgpose.smooth(scene.observations, scene.rig, progress=lambda done, n: told.append((done, n)))
