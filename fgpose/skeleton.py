@@ -201,6 +201,13 @@ class Skeleton:
         in_parts = {joint for part in self.parts for joint in part.joints}
         return tuple(joint for joint in range(self.n_joints) if joint not in in_parts)
 
+    @cached_property
+    def part_names(self) -> tuple[str, ...]:
+        """For each joint, the name of the part that it is in; empty: it is of the body."""
+        names = dict.fromkeys(range(self.n_joints), "")
+        names.update((joint, part.name) for part in self.parts for joint in part.joints)
+        return tuple(names.values())
+
     def of_joints(self, joints: Sequence[int], name: str = "", root: int | None = None) -> Skeleton:
         """Of some of the joints alone, in this order, with all that is between them.
 

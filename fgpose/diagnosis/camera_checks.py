@@ -24,6 +24,7 @@ _MUCH_HALLUCINATED = 0.3
 # One joint that a view shows elsewhere more often than not, and hardly any other.
 _OFTEN, _HARDLY = 0.5, 0.1
 _LEAST_S = 1.0
+_NAMED_JOINTS = 3  # more of a hand or a face are counted
 
 
 def few_cameras(recording: FinishedRecording) -> list[Finding]:
@@ -186,7 +187,8 @@ def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
             found.append(_seen_by_nobody(recording, person, np.flatnonzero(nowhere).tolist(), shares))
         groups: dict[tuple[int, str], list[int]] = {}
         for c, j in np.argwhere(wrong & ~nowhere).tolist():
-            groups.setdefault((c, limb_of(trajectory.skeleton.joints[j])), []).append(j)
+            limb = trajectory.skeleton.part_names[j] or limb_of(trajectory.skeleton.joints[j])
+            groups.setdefault((c, limb), []).append(j)
         found += [_misplaced(recording, person, c, joints, shares[c]) for (c, _), joints in groups.items()]
     return found
 
@@ -214,10 +216,13 @@ def _seen_by_nobody(
 def _misplaced(
     recording: FinishedRecording, person: int, camera: int, joints: list[int], shares: Float[np.ndarray, " joint"]
 ) -> Finding:
-    """Of joints of one limb in one view."""
-    names = recording.people[person].skeleton.joints
+    """Of joints of one limb, hand or face in one view."""
+    skeleton = recording.people[person].skeleton
+    names, part = skeleton.joints, skeleton.part_names[joints[0]]
     worst = max(joints, key=lambda joint: float(shares[joint]))
-    what, name = in_words(names[joint] for joint in joints), recording.camera_names[camera]
+    is_many = bool(part) and len(joints) > _NAMED_JOINTS
+    what = f"{len(joints)} joints of the {in_words((part,))}" if is_many else in_words(names[joint] for joint in joints)
+    name = recording.camera_names[camera]
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
