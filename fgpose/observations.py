@@ -14,6 +14,7 @@ from fgpose.sampling import TimeRange, mean_times_s
 from fgpose.shown import Shown
 from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
+from fgpose.skeletons import named_skeleton
 
 # The rigs of this field are rooms: a median view farther than this from the person is a unit mistake, not a hall.
 _MAX_PLAUSIBLE_M = 100.0
@@ -34,6 +35,7 @@ class Observations(Shown):
     """
 
     skeleton: Skeleton
+    """When it is made, also the name of one that comes with fgpose."""
     time_s: np.ndarray
     """(T,) time of each frame, or (T, C) when every camera has its own clock (NaN: no image). Increasing."""
     points2d_px: np.ndarray
@@ -51,8 +53,7 @@ class Observations(Shown):
     """What was changed or left out when they were read."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.skeleton, Skeleton):
-            raise TypeError(f"skeleton must be a Skeleton, as fgpose.load_skeleton({self.skeleton!r}) gives one")
+        object.__setattr__(self, "skeleton", named_skeleton(self.skeleton))
         points2d_px = _own(self.points2d_px)
         if points2d_px.ndim != 4 or points2d_px.shape[3] != 2:
             raise ValueError(f"points2d_px must be (frames, cameras, joints, 2), got {points2d_px.shape}")

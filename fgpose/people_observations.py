@@ -22,6 +22,7 @@ from fgpose.observations import (
 from fgpose.shown import Shown
 from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
+from fgpose.skeletons import named_skeleton
 
 NOTHING = {"points2d_px": np.nan, "confidence": 0.0, "points3d_m": np.nan, "covariance3d_m2": np.nan}
 """The arrays of detections by name, and what they have for a joint that is not detected."""
@@ -150,6 +151,7 @@ class PeopleObservations(Shown):
     """
 
     skeleton: Skeleton
+    """When it is made, also the name of one that comes with fgpose."""
     camera_names: tuple[str, ...]
     images: tuple[Detections, ...] = field(repr=False)
     """In the order of time; of one time in the order of the cameras."""
@@ -159,6 +161,7 @@ class PeopleObservations(Shown):
     """What was changed or left out when they were read."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "skeleton", named_skeleton(self.skeleton))
         number = {name: c for c, name in enumerate(self.camera_names)}
         if len(number) != len(self.camera_names):
             raise ValueError(f"camera names must differ, got {', '.join(self.camera_names)}")
@@ -200,7 +203,7 @@ class PeopleObservations(Shown):
 
     @staticmethod
     def of_frames(
-        skeleton: Skeleton,
+        skeleton: Skeleton | str,
         camera_names: Sequence[str],
         time_s: Float[np.ndarray, " frame"] | Float[np.ndarray, "frame camera"],
         points2d_px: Float[np.ndarray, "frame camera person joint 2"],
@@ -211,6 +214,7 @@ class PeopleObservations(Shown):
         """From arrays with room for the same number of people in every image; who has no joint is not there.
 
         Args:
+            skeleton: what the joints are; also the name of one that comes with fgpose.
             time_s: of every frame, or of every image; NaN: no image.
         """
         frame_time_s = np.array(time_s, dtype=float)
@@ -223,7 +227,8 @@ class PeopleObservations(Shown):
             of_image = points2d_px[t, c][here], confidence[t, c][here], *in_3d
             images.append(Detections(camera_names[c], float(time_s[t, c]), *of_image))
         image = np.where(np.isfinite(time_s), np.cumsum(np.isfinite(time_s), axis=0) - 1, NO_IMAGE)
-        return PeopleObservations(skeleton, tuple(camera_names), tuple(images), MatchedFrames(frame_time_s, image))
+        frames = MatchedFrames(frame_time_s, image)
+        return PeopleObservations(named_skeleton(skeleton), tuple(camera_names), tuple(images), frames)
 
     @staticmethod
     def of_one(observations: Observations) -> PeopleObservations:

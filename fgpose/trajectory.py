@@ -14,6 +14,7 @@ from fgpose.config import Config
 from fgpose.sampling import TimeRange
 from fgpose.shown import Motion, Shown
 from fgpose.skeleton import Skeleton
+from fgpose.skeletons import named_skeleton
 
 
 class Status(IntEnum):
@@ -96,6 +97,7 @@ class Trajectory(Motion):
     """
 
     skeleton: Skeleton
+    """When it is made, also the name of one that comes with fgpose."""
     time_s: np.ndarray
     """(T,)"""
     positions_m: np.ndarray
@@ -119,6 +121,7 @@ class Trajectory(Motion):
     """Frames whose detections make no body (joints tens of metres apart) and were left out."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "skeleton", named_skeleton(self.skeleton))
         n_frames, n_joints = np.shape(self.time_s)[0], self.skeleton.n_joints
         shapes = {
             "positions_m": (n_frames, n_joints, 3),

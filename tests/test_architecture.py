@@ -50,6 +50,7 @@ FLOORS = (
         "people_observations",
         "sampling",
         "skeleton",
+        "skeletons",
         "trajectory",
     },
     {"shown"},

@@ -16,6 +16,7 @@ from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.shown import OverTime
 from fgpose.shown.unknown_names import did_you_mean
 from fgpose.skeleton import Skeleton
+from fgpose.skeletons import named_skeleton
 from fgpose.trajectory import Trajectory
 
 
@@ -52,8 +53,9 @@ class JointAngles(OverTime):
         return self.angle_deg[:, self.names.index(name)]
 
 
-def angle_names(skeleton: Skeleton) -> tuple[str, ...]:
-    """The angles that the joints of a skeleton determine; none for one without limbs."""
+def angle_names(skeleton: Skeleton | str) -> tuple[str, ...]:
+    """The angles that the joints of a skeleton determine, also of one by its name; none for one without limbs."""
+    skeleton = named_skeleton(skeleton)
     return tuple(angles_of(points_of(np.zeros((0, skeleton.n_joints, 3)), landmarks(skeleton))))
 
 

@@ -37,13 +37,13 @@ def _widgets() -> ModuleType:
     try:
         wanted = version("rerun-sdk")
     except PackageNotFoundError:
-        raise ImportError("show() needs Rerun: pip install 'fgpose[viewer]'") from None
-    remedy = f"pip install 'rerun-notebook=={wanted}'"
+        raise ImportError("show() needs Rerun and its widget: pip install 'fgpose[notebook]'") from None
     try:
         widgets = import_module("rerun_notebook")
     except ImportError:
-        raise ImportError(f"show() needs the notebook widget of Rerun: {remedy}") from None
+        raise ImportError("show() needs the notebook widget of Rerun: pip install 'fgpose[notebook]'") from None
     if version("rerun-notebook") != wanted:
+        remedy = f"pip install 'rerun-notebook=={wanted}'"
         raise ImportError(f"rerun-notebook is {version('rerun-notebook')} and rerun-sdk {wanted}: {remedy}")
     return widgets
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -15,10 +15,17 @@ import pyarrow.parquet as pq
 import pytest
 
 import fgpose
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import save_rig as save_calibration
+from fgpose.io.origin import CalibrationOrigin
+from fgpose.io.studies.events import Event
 from fgpose.io.studies.results import write_part
+from fgpose.io.trajectories.npz import write_npz as save_npz
 from fgpose.people import PeopleObservations
 from fgpose.report.quality import Quality
+from fgpose.study.events import events_of
 from fgpose.study.run import Tables
+from fgpose.study.trial import Trial
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "columns.md"
 RESULTS, WIDE = "Results: `NAME.parquet`, `NAME.csv`", 'Wide results: `trajectory.to_csv(path, "wide")`'
@@ -26,6 +33,12 @@ ANGLES = "Joint angles, speeds, heights: `angles.parquet`, `angles.csv`"
 WIDE_ANGLES = 'Wide angles: `joint_angles(trajectory).to_csv(path, "wide")`'
 ONE = "Detections of one person: `fgpose.files.save_observations`"
 EVERYBODY = "Detections of everybody: `fgpose detect`"
+NPZ = {
+    "result": "Results as arrays: `NAME.npz`",
+    "one": "Detections of one person as arrays: `fgpose.files.save_observations`",
+    "everybody": "Detections of everybody as arrays: `fgpose detect --formats npz`",
+    "rig": "Calibration as arrays: `fgpose.save_rig`",
+}
 
 
 @cache
@@ -94,6 +107,56 @@ def test_the_columns_of_detections(observations: fgpose.Observations, tmp_path: 
     check(ONE, header(tmp_path / "one.parquet"))
     fgpose.files.save_people_observations(PeopleObservations.of_one(observations), tmp_path / "everybody.parquet")
     check(EVERYBODY, header(tmp_path / "everybody.parquet"))
+
+
+def test_the_arrays_of_npz_files(
+    observations: fgpose.Observations, trajectory: fgpose.Trajectory, tmp_path: Path
+) -> None:
+    """Each array is described, with its unit and its shape."""
+    rig, _ = fgpose.files.load_recording("balance_blazepose")
+    first, *others = rig.cameras
+    pose = (3.0, first.world_T_camera)
+    changing = replace(first, clock_drift=1e-5, clock_jumps=((2.0, 0.1),), moves=(pose,))
+    known = CalibrationOrigin({first.name: 0.001})
+    everybody = PeopleObservations.of_one(observations)
+    implausible = replace(trajectory, implausible_frames=(1,))
+    save_npz(implausible, tmp_path / "result.npz", "fgpose smooth walk.npz")
+    fgpose.files.save_observations(observations, tmp_path / "one.npz")
+    fgpose.files.save_people_observations(everybody, tmp_path / "everybody.npz")
+    save_calibration(CameraRig((changing, *others)), tmp_path / "rig.npz", origin=known)
+    sizes = {
+        "T": observations.n_frames,
+        "C": observations.n_cameras,
+        "J": observations.skeleton.n_joints,
+        "I": len(everybody.images),
+        "N": sum(image.n_people for image in everybody.images),
+        "rows": 1,
+    }
+    for name, heading in NPZ.items():
+        with np.load(tmp_path / f"{name}.npz", allow_pickle=False) as arrays:
+            assert set(arrays) == set(described()[heading])
+            for array, shapes in shapes_of(heading).items():
+                given = "text" if arrays[array].ndim == 0 else arrays[array].shape
+                assert given in [_shape(shape, sizes) for shape in shapes.split(" or ")], (name, array)
+
+
+def shapes_of(heading: str) -> dict[str, str]:
+    """By the name of the array."""
+    section = PAGE.read_text(encoding="utf-8").split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    rows = (line.split("|") for line in section.splitlines() if line.startswith("| `"))
+    return {row[1].strip(" `"): row[3].strip() for row in rows}
+
+
+def _shape(text: str, sizes: Mapping[str, int]) -> str | tuple[int, ...]:
+    if text == "text":
+        return text
+    return tuple(sizes[part] if part in sizes else int(part) for part in re.findall(r"\w+", text))
+
+
+def test_the_columns_of_events() -> None:
+    event = Event("fall", 1.5, {"subject": "S01"}, {"severity": "low"})
+    rows, _ = events_of([Trial("S01", "a", "walk", Path("walk.npz"), "keypoints")], [event])
+    check("Events of a study: `events.parquet`", rows[0])
 
 
 def test_the_columns_of_files_for_opensim(trajectory: fgpose.Trajectory, tmp_path: Path) -> None:

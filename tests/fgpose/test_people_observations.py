@@ -176,7 +176,7 @@ def test_a_subset_has_the_images_of_its_cameras():
     assert subset.camera_names == ("b",)
     assert [each.n_people for each in subset.images] == [2, 1]
     assert people.subset(["b", "a"]).camera_names == ("b", "a")
-    with pytest.raises(ValueError, match="no camera c, only a, b"):
+    with pytest.raises(ValueError, match="no camera c; it has a, b"):
         people.subset(["a", "c"])
 
 

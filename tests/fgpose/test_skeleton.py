@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -273,3 +275,22 @@ def test_joints_may_be_given_by_name() -> None:
         Skeleton("legs", joints, (), root="hpi")
     with pytest.raises(ValueError, match="skeleton legs has no joint 'knee'"):
         Skeleton("legs", joints, [("hip", "knee")], root="hip")
+
+
+def test_a_name_is_taken_where_a_skeleton_is() -> None:
+    """In a process of its own, whose types are not checked: what is held is a Skeleton, and so say the types."""
+    program = """
+import numpy as np
+import fgpose
+from fgpose.people import PeopleObservations
+coco, time_s, points_px = fgpose.load_skeleton("coco_17"), np.arange(3) / 50, np.full((3, 2, 17, 2), 100.0)
+assert fgpose.Observations("COCO", time_s, points_px).skeleton == coco
+everybody = PeopleObservations.of_frames("coco_17", ("a", "b"), time_s, points_px[:, :, None], np.ones((3, 2, 1, 17)))
+assert everybody.skeleton == PeopleObservations("coco17", ("a", "b"), everybody.images).skeleton == coco
+status = np.full((3, 17), fgpose.Status.OBSERVED)
+assert fgpose.Trajectory("coco_17", time_s, np.zeros((3, 17, 3)), status).skeleton == coco
+assert fgpose.kinematics.angle_names("coco_17") == fgpose.kinematics.angle_names(coco) != ()
+fgpose.Observations("coko_17", time_s, points_px)
+"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert run.stderr.splitlines()[-1].startswith("ValueError: no skeleton 'coko_17': did you mean coco_17? There are")

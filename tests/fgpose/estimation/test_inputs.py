@@ -46,7 +46,7 @@ for estimator in (fgpose.smooth, fgpose.refine, fgpose.fuse, fgpose.smooth_peopl
     except TypeError as error:
         print(error)
 try:
-    fgpose.Observations("coco_17", observations.time_s, observations.points2d_px)
+    fgpose.Observations(17, observations.time_s, observations.points2d_px)
 except TypeError as error:
     print(error)
 """
@@ -54,4 +54,4 @@ except TypeError as error:
     *said, of_skeleton = run.stdout.splitlines()
     names = ("smooth", "refine", "fuse", "smooth_people")
     assert said == [f"{name} takes the observations first, then the rig: {name}(observations, rig)" for name in names]
-    assert of_skeleton == "skeleton must be a Skeleton, as fgpose.load_skeleton('coco_17') gives one"
+    assert of_skeleton == "a skeleton or its name is needed, got 17"

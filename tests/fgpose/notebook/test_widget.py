@@ -68,6 +68,11 @@ def test_the_widget_gets_the_motion_and_the_cameras(walk: Trajectory, walking_sc
     assert alone.sent.startswith(b"RRF2")
 
 
+def test_the_widget_of_rerun_takes_it(walk: Trajectory) -> None:
+    widgets = pytest.importorskip("rerun_notebook")
+    assert isinstance(walk.show(), widgets.Viewer)
+
+
 @pytest.mark.usefixtures("with_widget")
 def test_nothing_is_not_shown(walk: Trajectory) -> None:
     with pytest.raises(ValueError, match="there is no frame to be shown"):
@@ -77,12 +82,12 @@ def test_nothing_is_not_shown(walk: Trajectory) -> None:
 def test_what_is_not_installed_is_named(walk: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun_notebook", None)
     monkeypatch.setattr(viewer, "version", versions(rerun_sdk="0.41.7"))
-    with pytest.raises(ImportError, match=r"notebook widget of Rerun: pip install 'rerun-notebook==0\.41\.7'"):
+    with pytest.raises(ImportError, match=r"notebook widget of Rerun: pip install 'fgpose\[notebook\]'"):
         walk.show()
     monkeypatch.setitem(sys.modules, "rerun_notebook", ModuleType("rerun_notebook"))
     monkeypatch.setattr(viewer, "version", versions(rerun_sdk="0.41.7", rerun_notebook="0.30.0"))
     with pytest.raises(ImportError, match=r"rerun-notebook is 0\.30\.0 and rerun-sdk 0\.41\.7: pip install"):
         walk.show()
     monkeypatch.setattr(viewer, "version", versions())
-    with pytest.raises(ImportError, match=r"show\(\) needs Rerun: pip install 'fgpose\[viewer\]'"):
+    with pytest.raises(ImportError, match=r"show\(\) needs Rerun and its widget: pip install 'fgpose\[notebook\]'"):
         walk.show()
