@@ -65,7 +65,7 @@ def test_videos_that_were_started_by_hand(tmp_path: Path, capsys: pytest.Capture
     path = tmp_path / "rig.toml"
     assert main(["calibrate", str(tmp_path / "videos"), "--board", FILMED.text, *options, "-o", str(path)]) == 0
     (said,) = [line for line in capsys.readouterr().out.splitlines() if "began after the first [s]" in line]
-    # Of a twelfth of a second from image to image.
+    # Of a tenth of a second from image to image.
     assert float(said.split()[-1]) == pytest.approx(1.37, abs=0.005)
     rig = fgpose.load_rig(path)
     apart_m, truly_m = (np.linalg.norm(np.diff(each.positions_m, axis=0)) for each in (rig, true))
