@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -28,6 +28,10 @@ _LENS = "Of --board: the model of the lenses. auto: pinhole, or fisheye where th
 _ORIGIN = (
     "Of --board: where the world is. board: the board at the first moment, or at another with board@12.5, as it lies "
     "on the floor. camera: the first camera. level: at the first camera, z up as far as the cameras stand level."
+)
+_LENSES_ONLY = (
+    "Of --board: the lens of each camera by itself, for --intrinsics of a calibration from people. The cameras need "
+    "not see the board at once, nor stand where they will; poses are not written."
 )
 _UNSYNCHRONISED = (
     "Of --board: the videos began at different moments. The motion of the board tells when each did; that is said, "
@@ -70,6 +74,7 @@ class BoardOptions:
     board: Annotated[str | None, arg(metavar="BOARD", help=_BOARD, help_behavior_hint="(default: none)")] = None
     lens: Annotated[Literal["auto", "pinhole", "fisheye"], arg(help=_LENS)] = "auto"
     origin: Annotated[str, arg(metavar="board|camera|level", help=_ORIGIN)] = "board"
+    lenses_only: Annotated[bool, FlagCreatePairsOff, arg(help=_LENSES_ONLY)] = False
     unsynchronised: Annotated[bool, FlagCreatePairsOff, arg(help=_UNSYNCHRONISED)] = False
 
     def check_board(self) -> None:
@@ -78,9 +83,13 @@ class BoardOptions:
         from fgpose.calibration.board.world import parse_origin
 
         if self.board is None:
-            if self.lens != "auto" or self.origin != "board" or self.unsynchronised:
-                raise ValueError("--lens, --origin and --unsynchronised are of a calibration with --board")
+            if self.lens != "auto" or self.origin != "board" or self.unsynchronised or self.lenses_only:
+                raise ValueError(
+                    "--lens, --origin, --unsynchronised and --lenses-only are of a calibration with --board"
+                )
             return
+        if self.lenses_only and (self.origin != "board" or self.unsynchronised):
+            raise ValueError("--lenses-only has no world and no common clock: leave --origin and --unsynchronised out")
         load_board(self.board)
         parse_origin(self.origin)
 
@@ -105,6 +114,20 @@ class BoardOptions:
                 sightings, intrinsics=known, lens=self.lens, origin=parse_origin(self.origin), progress=progress
             )
 
+    def lenses_with_board(self, clips: Sequence[Clip]) -> tuple[CalibratedFromBoards, ...]:
+        """The lens of each camera by itself, with progress bars."""
+        from fgpose.calibration.board.board import load_board
+        from fgpose.calibration.board.calibrate import calibrate_lenses
+        from fgpose.calibration.board.filmed import boards_in
+
+        assert self.board is not None
+        sightings, board = [], load_board(self.board)
+        for clip in clips:
+            with progress_bar(f"looking for boards, {clip.name}", "images") as progress:
+                sightings.append(boards_in([clip], board, progress=progress))
+        with progress_bar("calibrating", "cameras") as progress:
+            return calibrate_lenses(sightings, lens=self.lens, progress=progress)
+
     def _carried(self, clips: Sequence[Clip], known: CameraRig | None) -> CalibratedFromBoards:
         """Of cameras that were started by hand."""
         from fgpose.calibration.board.board import load_board
@@ -125,10 +148,27 @@ def print_board_calibration(console: Console, result: CalibratedFromBoards, writ
     from fgpose.pipeline.board_report import board_rows, board_summary
     from fgpose.pipeline.calibration_report import verdict
 
-    table = new_table("", *result.rig.names)
-    for quantity, values in board_rows(result).items():
-        table.add_row(quantity, *values)
-    console.print(table)
+    _print_rows(console, result.rig.names, board_rows(result))
     for line in (*board_summary(result), *verdict(result.findings, result.grade)):
         console.print(line)
     print_written(console, *written)
+
+
+def print_board_lenses(console: Console, results: Sequence[CalibratedFromBoards], written: Sequence[Path]) -> None:
+    """The same of lenses alone."""
+    from fgpose.calibration.from_people.calibrated import worst_grade
+    from fgpose.pipeline.board_report import lens_rows
+    from fgpose.pipeline.calibration_report import verdict
+
+    findings = tuple(finding for result in results for finding in result.findings)
+    _print_rows(console, [name for result in results for name in result.rig.names], lens_rows(results))
+    for line in verdict(findings, worst_grade(findings)):
+        console.print(line)
+    print_written(console, *written)
+
+
+def _print_rows(console: Console, names: Sequence[str], rows: Mapping[str, Sequence[str]]) -> None:
+    table = new_table("", *names)
+    for quantity, values in rows.items():
+        table.add_row(quantity, *values)
+    console.print(table)

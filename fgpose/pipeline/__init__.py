@@ -3,6 +3,7 @@
 from fgpose.association.recording import Progress as Progress
 from fgpose.pipeline.calibration import show_calibrated as show_calibrated
 from fgpose.pipeline.calibration import write_board_calibration as write_board_calibration
+from fgpose.pipeline.calibration import write_board_lenses as write_board_lenses
 from fgpose.pipeline.calibration import write_bumped as write_bumped
 from fgpose.pipeline.calibration import write_calibration as write_calibration
 from fgpose.pipeline.load import load_source as load_source

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -39,6 +40,17 @@ def board_rows(result: CalibratedFromBoards) -> dict[str, list[str]]:
     for where, values_px in _by_region(result).items():
         rows[f"  {where}"] = texts(values_px, 2)
     return rows
+
+
+# Of a camera alone there is nothing else.
+_OF_LENSES = ("focal length [px]", "  ± [%]", "lens", "coefficients", "lens at the border ± [px]", "views used")
+_ERRORS = ("views left out", "reprojection, RMS [px]", *(f"  {where}" for where in _RINGS))
+
+
+def lens_rows(results: Sequence[CalibratedFromBoards]) -> dict[str, list[str]]:
+    """What board_rows says of the lenses, of cameras that were calibrated one by one."""
+    each = [board_rows(result) for result in results]
+    return {quantity: [rows[quantity][0] for rows in each] for quantity in (*_OF_LENSES, *_ERRORS)}
 
 
 def board_summary(result: CalibratedFromBoards) -> list[str]:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from fgpose.calibration.board.calibrate import CalibratedFromBoards
 from fgpose.calibration.bumped import BumpedRig
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade, worst_grade
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.calibration import CalibrationOrigin, RigFormat, save_rig
+from fgpose.io.calibration import CalibrationOrigin, RigFormat, save_rig, write_lenses
 from fgpose.people_observations import PeopleObservations
-from fgpose.pipeline.origin import after_bumps, calibration_from_boards, calibration_from_people
+from fgpose.pipeline.origin import after_bumps, calibration_from_boards, calibration_from_people, reasons
 from fgpose.pipeline.outputs import write_all
 from fgpose.pipeline.seen_walk import SeenWalk, of_boards, of_bumped, of_calibrated, show_walk
 from fgpose.viewer import CalibrationRecording, open_calibration_recording
@@ -61,6 +61,23 @@ def write_board_calibration(
     rig = None if result.grade is Grade.FAILED else result.rig
     known = replace(calibration_from_boards(result), step="calibrate")
     return _write(rig, known, path, file_format, rrd, lambda: of_boards(result), None)
+
+
+def write_board_lenses(results: Sequence[CalibratedFromBoards], path: Path) -> tuple[Path, ...]:
+    """Write the lenses of cameras that were calibrated one by one, without poses, unless one of them failed.
+
+    Returns:
+        The files.
+
+    Raises:
+        OutputError: the file could not be written.
+    """
+    findings = [finding for result in results for finding in result.findings]
+    if worst_grade(findings) is Grade.FAILED:
+        return ()
+    rig = CameraRig(tuple(camera for result in results for camera in result.rig.cameras))
+    known = CalibrationOrigin(grade=worst_grade(findings).value, findings=reasons(findings), step="calibrate")
+    return write_all({path: partial(write_lenses, rig, path, known)})
 
 
 def write_bumped(

@@ -71,7 +71,7 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
 def synchronised(known: CalibrationOrigin, found: Synchronised) -> CalibrationOrigin:
     """After it was found when the cameras of a rig began. What is said of those that were left out remains."""
     sigma_s = _known(found.rig, found.sigma_s)
-    return replace(known, offset_sigma_s=sigma_s, findings=(*known.findings, *_reasons(found.findings)))
+    return replace(known, offset_sigma_s=sigma_s, findings=(*known.findings, *reasons(found.findings)))
 
 
 def from_people(origin: Origin, found: CalibratedFromPeople) -> Origin:
@@ -82,12 +82,12 @@ def from_people(origin: Origin, found: CalibratedFromPeople) -> Origin:
 def calibration_from_people(found: CalibratedFromPeople) -> CalibrationOrigin:
     """Of the rig that was found."""
     sigma_s = _known(found.rig, found.sigmas.offset_s)
-    return CalibrationOrigin(sigma_s, grade=found.grade.value, findings=_reasons(found.findings))
+    return CalibrationOrigin(sigma_s, grade=found.grade.value, findings=reasons(found.findings))
 
 
 def calibration_from_boards(found: CalibratedFromBoards) -> CalibrationOrigin:
     """Of the rig that was found."""
-    return CalibrationOrigin(grade=found.grade.value, findings=_reasons(found.findings))
+    return CalibrationOrigin(grade=found.grade.value, findings=reasons(found.findings))
 
 
 def after_bumps(known: CalibrationOrigin, found: BumpedRig[Any]) -> CalibrationOrigin:
@@ -102,11 +102,12 @@ def after_bumps(known: CalibrationOrigin, found: BumpedRig[Any]) -> CalibrationO
         known,
         moved=tuple(MovedCamera(name, float(deg), float(m)) for name, has_moved, deg, m in rows if has_moved),
         grade=max(known.grade, own, key=grades.index),
-        findings=(*known.findings, *_reasons(found.findings)),
+        findings=(*known.findings, *reasons(found.findings)),
     )
 
 
-def _reasons(findings: Sequence[CalibrationFinding]) -> tuple[Reason, ...]:
+def reasons(findings: Sequence[CalibrationFinding]) -> tuple[Reason, ...]:
+    """As files say them."""
     return tuple(Reason(each.camera, each.grade.value, each.reason, each.remedy) for each in findings)
 
 

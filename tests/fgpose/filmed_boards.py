@@ -46,13 +46,13 @@ def film(folder: Path, n_common: int = 8, seed: int = 3) -> CameraRig:
     return rig
 
 
-def film_carried(folder: Path, starts_s: tuple[float, float], fps: float = 12.0, seed: int = 3) -> CameraRig:
+def film_carried(folder: Path, starts_s: tuple[float, float], fps: float = 10.0, seed: int = 3) -> CameraRig:
     """A video of each of two such cameras, which begin when they do, of the board on its way through the gap between
     both. Returns the true rig."""
     scene = simulate_boards(4, seed, board=FILMED, n_common=28, n_near=0, radius_m=2.2)
     rig = CameraRig(tuple(small(camera) for camera in scene.rig.cameras[:2]))
     seen = scene.sightings.shows_board[:, :2].all(axis=1)
-    way = Way(scene.world_T_board[np.flatnonzero(seen)], FILMED, 0.4, 0.4)
+    way = Way(scene.world_T_board[np.flatnonzero(seen)[:6]], FILMED, 0.4, 0.3)
     folder.mkdir(parents=True)
     for camera, start_s in zip(rig.cameras, starts_s, strict=True):
         path = str(folder / f"{camera.name}.mp4")

@@ -116,6 +116,27 @@ def calibrate_from_boards(
     return result
 
 
+def calibrate_lenses(
+    sightings: Sequence[BoardSightings], *, lens: LensChoice = "auto", progress: Progress | None = None
+) -> tuple[CalibratedFromBoards, ...]:
+    """The lens of each camera by itself, whatever the others saw, and when.
+
+    Args:
+        sightings: of one camera each.
+        lens: see calibrate_from_boards.
+        progress: told after each camera.
+
+    Raises:
+        ValueError: a camera sees the board too rarely; the message names it.
+    """
+    found = list[CalibratedFromBoards]()
+    for own in sightings:
+        found.append(calibrate_from_boards(own, lens=lens, origin=WorldOrigin("camera")))
+        if progress:
+            progress(len(found), len(sightings))
+    return tuple(found)
+
+
 def _explained(sightings: BoardSightings, fitted: Sequence[FittedLens]) -> BoardSightings:
     """Without the views that the lens of their camera does not explain."""
     kept = np.stack([np.isin(sightings.time_s, each.sightings.time_s) for each in fitted], axis=1)

@@ -1,6 +1,8 @@
 """The lens of each camera from its own views of the board: which model, and which numbers of it.
 
-A lens has as many coefficients as lower Akaike's information criterion: each has to explain more than it costs.
+A lens has as many coefficients as lower Akaike's information criterion: each has to explain more than it costs. The
+three of the rational model, which nearly undo the others, have to explain much more, and views that they were not
+fitted to.
 """
 
 from __future__ import annotations
@@ -10,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from fgpose.calibration.board.adjusting import AdjustedBoards, adjust, again_without, wrong_views
+from fgpose.calibration.board.adjusting import AdjustedBoards, adjust, again_without, view_rms_px, wrong_views
 from fgpose.calibration.board.lens import N_COEFFICIENTS, N_OF_LENS, LensKind, matrix_of, numbers_of
 from fgpose.calibration.board.problem import BoardBundle
 from fgpose.calibration.board.sightings import BoardSightings
@@ -40,8 +42,10 @@ LADDERS: Mapping[LensModel, tuple[LensKind, ...]] = {
     "fisheye": (LensKind("fisheye", 4, centre=False), LensKind("fisheye", 4)),
 }
 """Of each model the kinds of lens, with more and more free numbers."""
+_RATIONAL = LensKind(n_distortion=8)
 # Pixels are square and lenses are no fisheye, unless views show clearly that they are.
 _ADVANTAGE = 20.0
+_GRID = 17  # points along each side of the image
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +94,44 @@ def _climbed(sightings: BoardSightings, ladder: Sequence[LensKind]) -> AdjustedB
         found.append(adjust(sightings, [kind], start))
         start = found[-1].bundle
     best = min(found, key=lambda each: each.criterion)
+    if best.kinds[0] == ladder[-1] and best.kinds[0].model == "pinhole":
+        best = _rational(best)
     stretched = adjust(sightings, [replace(best.kinds[0], square=False)], best.bundle)
     return stretched if stretched.criterion < best.criterion - _ADVANTAGE else best
+
+
+def _rational(best: AdjustedBoards) -> AdjustedBoards:
+    """With the rational model instead, if it explains the views clearly better and those of either half with the lens
+    of the other half too, and can be undone all over the image."""
+    found = adjust(best.sightings, [_RATIONAL], best.bundle)
+    if not found.converged or found.criterion > best.criterion - _ADVANTAGE or not _is_invertible(found):
+        return best
+    halves = np.arange(len(best.sightings.time_s)) % 2 == 0
+    for fitted in (halves, ~halves):
+        if not _left_out_px2(found, fitted) < _left_out_px2(best, fitted):
+            return best
+    return found
+
+
+def _left_out_px2(adjusted: AdjustedBoards, fitted: Bool[np.ndarray, " moment"]) -> float:
+    """Mean square error of the views that the lens is not fitted to, where their boards fit it best; of one that is
+    wrong, no more than four times the usual one counts."""
+    (kind,), bundle = adjusted.kinds, adjusted.bundle
+    half = adjust(
+        adjusted.sightings.at_moments(fitted), [kind], replace(bundle, world_T_board=bundle.world_T_board[fitted])
+    )
+    others = replace(half.bundle, world_T_board=bundle.world_T_board[~fitted])
+    held = adjust(adjusted.sightings.at_moments(~fitted), [replace(kind, held=True)], others)
+    square_px2 = view_rms_px(held)[:, 0] ** 2
+    return float(np.mean(np.minimum(square_px2, 16 * np.median(square_px2))))
+
+
+def _is_invertible(adjusted: AdjustedBoards) -> bool:
+    """Whether the lens tells where each pixel looks, up to the border of the image."""
+    (width, height), (numbers,) = adjusted.sightings.sizes_px[0], adjusted.bundle.lenses
+    x, y = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
+    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
+    return bool(np.isfinite(without_distortion(pixels, matrix_of(numbers), numbers[4:], "pinhole")).all())
 
 
 def _start(sightings: BoardSightings, model: LensModel) -> BoardBundle:

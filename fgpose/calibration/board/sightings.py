@@ -72,5 +72,5 @@ class BoardSightings:
     def without(self, views: Bool[np.ndarray, "moment camera"], reasons: Sequence[LeftOut]) -> BoardSightings:
         """Without some views, and without moments at which then nobody sees the board."""
         points_px = np.where(views[..., None, None], np.nan, self.points_px)
-        kept = np.isfinite(points_px).any(axis=(1, 2, 3))
+        kept = np.asarray(np.isfinite(points_px).any(axis=(1, 2, 3)))
         return replace(self, points_px=points_px, left_out=(*self.left_out, *reasons)).at_moments(kept)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from fgpose.cli.boards import BoardOptions, print_board_calibration
+from fgpose.cli.boards import BoardOptions, print_board_calibration, print_board_lenses
 from fgpose.cli.commands.detect import NetworkOptions, quieten_decoder
 from fgpose.cli.console import new_console
 from fgpose.cli.delivery import look_at
@@ -122,6 +122,8 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
                 "--board takes scale and lenses from the board: leave --from, --height, --distance, --focal, "
                 "--focal-px, --sound, --skeleton and --size out"
             )
+        if self.lenses_only and (self.output.suffix.lower() != ".toml" or self.format != "auto" or self.intrinsics):
+            raise ValueError("--lenses-only finds lenses and writes a .toml: leave --format and --intrinsics out")
         check = check_writable if check_format(self.output, self.format) == "easymocap" else check_replaceable
         if check is check_replaceable and self.output.is_dir():
             raise ValueError(f"{self.output} is a folder, where a file is to be written")
@@ -169,12 +171,19 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
     def _with_board(self) -> int:
         from fgpose.calibration.board.filmed import board_clips
         from fgpose.calibration.from_people.calibrated import Grade
-        from fgpose.pipeline import write_board_calibration
+        from fgpose.pipeline import write_board_calibration, write_board_lenses
 
         quieten_decoder()
         clips = board_clips(self.recording, self.fps, self.cameras)
         if self.frames is not None:
             clips = tuple(clip.first(self.frames) for clip in clips)
+        if self.lenses_only:
+            lenses = self.lenses_with_board(clips)
+            written = write_board_lenses(lenses, self.output)
+            print_board_lenses(new_console(), lenses, written)
+            if not written:
+                say_not_written(self.output)
+            return 0 if written else FAILED
         result = self.calibrated_with_board(clips, self.intrinsics)
         written = write_board_calibration(result, self.output, self.format, self._scene)
         print_board_calibration(new_console(), result, written)
@@ -278,7 +287,7 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
     def _scene(self) -> Path | None:
         from fgpose.cli.viewers import can_write_rrd
 
-        return self.output.with_suffix(".rrd") if self.rrd and can_write_rrd() else None
+        return self.output.with_suffix(".rrd") if self.rrd and not self.lenses_only and can_write_rrd() else None
 
     def _seen_by_rig(self, rig: Path, console: Console) -> Detected:
         """What the cameras of --from saw in videos."""

@@ -9,3 +9,4 @@ from fgpose.io.calibration.rig_files import load_calibration_origin as load_cali
 from fgpose.io.calibration.rig_files import load_quarter_turns as load_quarter_turns
 from fgpose.io.calibration.rig_files import load_rig as load_rig
 from fgpose.io.calibration.rig_files import save_rig as save_rig
+from fgpose.io.calibration.toml_formats import write_lenses as write_lenses

@@ -199,6 +199,16 @@ def pose2sim_text(rig: CameraRig, origin: CalibrationOrigin | None = None) -> st
     return tomli_w.dumps(tables | _metadata(tables, origin))
 
 
+def write_lenses(rig: CameraRig, path: Path, origin: CalibrationOrigin | None = None) -> None:
+    """Write the lenses of cameras alone, as Pose2Sim TOML without poses: load_intrinsics reads it, load_rig refuses
+    it."""
+    tables = {}
+    for camera in rig.cameras:
+        table = _table(camera, 4) | {"fisheye": camera.lens == "fisheye"}
+        tables[camera.name] = {key: value for key, value in table.items() if key not in ("rotation", "translation")}
+    _write(path, tables | _metadata(tables, origin))
+
+
 def _metadata(tables: dict[str, Any], origin: CalibrationOrigin | None) -> dict[str, Any]:
     own = table_of(origin, tables)
     return {"metadata": _METADATA | ({_OWN: own} if own else {})}

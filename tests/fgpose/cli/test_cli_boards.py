@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,15 @@ import pytest
 from filmed_boards import FILMED, film, film_carried
 
 import fgpose
+from fgpose.assessment.rigs import angle_deg
 from fgpose.cli import main
-from fgpose.io.calibration import load_calibration_origin, save_rig
+from fgpose.io.calibration import load_calibration_origin, load_intrinsics, save_rig
+from fgpose.io.keypoints import save_observations
 from fgpose.io.made_by import made_by
+from fgpose.io.skeletons import load_skeleton
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
+
+OF_BOARDS = "--lens, --origin, --unsynchronised and --lenses-only are of a calibration with --board"
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +64,49 @@ def test_with_lenses_that_are_known(filmed: tuple[Path, fgpose.CameraRig], tmp_p
     np.testing.assert_allclose(rig.cameras[0].world_T_camera, np.eye(4), atol=1e-9)
 
 
+@pytest.fixture(scope="module")
+def lenses(filmed: tuple[Path, fgpose.CameraRig], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("lenses") / "lenses.toml"
+    assert main(["calibrate", str(filmed[0]), "--board", FILMED.text, "--lenses-only", "-o", str(path)]) == 0
+    return path
+
+
+def test_lenses_alone(filmed: tuple[Path, fgpose.CameraRig], lenses: Path) -> None:
+    assert made_by(lenses) == "calibrate"
+    assert [path.name for path in lenses.parent.iterdir()] == ["lenses.toml"]
+    true = filmed[1]
+    np.testing.assert_allclose(load_intrinsics(lenses, true.names).focal_px, true.focal_px, rtol=0.01)
+    # Nobody takes it for a rig.
+    with pytest.raises(ValueError, match=r"camera ring_0: rotation, translation is missing"):
+        fgpose.load_rig(lenses)
+
+
+@pytest.mark.slow
+def test_lenses_from_a_board_and_poses_from_a_walk(
+    filmed: tuple[Path, fgpose.CameraRig], lenses: Path, tmp_path: Path
+) -> None:
+    """Two commands, with the file handed over. The walk is simulated before the true cameras."""
+    near = filmed[1]
+    true = fgpose.CameraRig(
+        tuple(
+            replace(camera, world_T_camera=on_ring.world_T_camera)
+            for camera, on_ring in zip(near.cameras, ring_rig(4, 4.0, 1.9).cameras, strict=False)
+        )
+    )
+    skeleton = load_skeleton("h36m_17")
+    seen = simulate(walking(600, 30.0, skeleton), skeleton, true, 30.0, DetectionNoise(), NO_OCCLUSION, seed=0)
+    save_observations(replace(seen.observations, points3d_m=None), tmp_path / "walk.npz")
+    options = ["--intrinsics", str(lenses), "--synchronised", "--skeleton", "h36m_17", "--no-rrd", "--height", "1.75"]
+    path = tmp_path / "rig.toml"
+    assert main(["calibrate", str(tmp_path / "walk.npz"), *options, "-o", str(path)]) == 0
+    rig, known = fgpose.load_rig(path), load_intrinsics(lenses, true.names)
+    # The lenses are those of the board, the poses those of the walk.
+    np.testing.assert_allclose(rig.K, known.K, atol=1e-3)
+    np.testing.assert_allclose(rig.focal_px, true.focal_px, rtol=0.01)
+    turned = [each.cameras[0].world_T_camera[:3, :3].T @ each.cameras[1].world_T_camera[:3, :3] for each in (rig, true)]
+    assert angle_deg(*turned) < 2.0
+
+
 @pytest.mark.slow
 def test_videos_that_were_started_by_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     true = film_carried(tmp_path / "videos", (0.0, 1.37))
@@ -65,7 +115,7 @@ def test_videos_that_were_started_by_hand(tmp_path: Path, capsys: pytest.Capture
     path = tmp_path / "rig.toml"
     assert main(["calibrate", str(tmp_path / "videos"), "--board", FILMED.text, *options, "-o", str(path)]) == 0
     (said,) = [line for line in capsys.readouterr().out.splitlines() if "began after the first [s]" in line]
-    # Of a twelfth of a second from image to image.
+    # Of a tenth of a second from image to image.
     assert float(said.split()[-1]) == pytest.approx(1.37, abs=0.005)
     rig = fgpose.load_rig(path)
     apart_m, truly_m = (np.linalg.norm(np.diff(each.positions_m, axis=0)) for each in (rig, true))
@@ -100,8 +150,19 @@ def test_a_failed_calibration_writes_no_rig(
         (["--board", FILMED.text, "--height", "1.8"], "--board takes scale and lenses from the board"),
         (["--board", FILMED.text, "--origin", "floor"], "the origin is board, board@SECONDS, camera or level"),
         (["--board", FILMED.text, "--unsynchronised"], "camera ring_0: images have no times"),
-        (["--unsynchronised"], "--lens, --origin and --unsynchronised are of a calibration with --board"),
-        (["--lens", "fisheye"], "--lens, --origin and --unsynchronised are of a calibration with --board"),
+        (
+            ["--unsynchronised"],
+            OF_BOARDS,
+        ),
+        (
+            ["--board", FILMED.text, "--lenses-only", "--unsynchronised"],
+            "--lenses-only has no world and no common clock",
+        ),
+        (["--board", FILMED.text, "--lenses-only", "--format", "npz"], "--lenses-only finds lenses and writes a .toml"),
+        (
+            ["--lens", "fisheye"],
+            OF_BOARDS,
+        ),
         (["--board", FILMED.text, "--cameras", "ring_0", "ring_7"], "ring_7"),
         (["--board", FILMED.text, "--intrinsics", "no/such.yml"], "no/such.yml"),
         (["--board", "charuco:6x5:160mm:120mm:DICT_6X6_50"], "camera ring_0, ring_1: no image shows charuco:6x5"),

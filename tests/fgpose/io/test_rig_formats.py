@@ -54,7 +54,16 @@ def expected(camera: Camera) -> np.ndarray:
 
 
 @pytest.mark.parametrize("file_format", ["npz", "pose2sim", "aniposelib", "caliscope", "easymocap"])
-@pytest.mark.parametrize("distortion", [(), (-0.1, 0.02, 1e-3, -1e-3), (-0.1, 0.02, 1e-3, -1e-3, 0.01)])
+# caliscope, aniposelib, Pose2Sim and EasyMocap give the coefficients to OpenCV, however many they are.
+@pytest.mark.parametrize(
+    "distortion",
+    [
+        (),
+        (-0.1, 0.02, 1e-3, -1e-3),
+        (-0.1, 0.02, 1e-3, -1e-3, 0.01),
+        (0.47, -2.5, 8e-4, -2e-4, 1.45, 0.35, -2.33, 1.38),
+    ],
+)
 def test_round_trip(tmp_path: Path, file_format: RigFormat, distortion: tuple[float, ...]) -> None:
     rig, path = made_rig(distortion=distortion), path_of(tmp_path, file_format)
     save_rig(rig, path, file_format)

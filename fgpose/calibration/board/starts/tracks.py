@@ -51,7 +51,7 @@ class BoardTrack:
         before = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, n_images - 2)
         around = before[:, None] + (-1, 0, 1, 2)
         images_s = self.time_s[np.clip(around, 0, n_images - 1)]
-        near = np.asarray(np.diff(images_s) <= longest_gap_s + TIME_ROUNDING_S)
+        near = np.diff(images_s) <= longest_gap_s + TIME_ROUNDING_S
         near &= (around[:, :-1] >= 0) & (around[:, 1:] < n_images)
         points_px = self.points_px[np.clip(around, 0, n_images - 1)]
         cubic = _interpolated(images_s, points_px, time_s, np.asarray(near.all(axis=1)))

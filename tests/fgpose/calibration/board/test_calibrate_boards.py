@@ -10,9 +10,10 @@ import pytest
 
 from fgpose.assessment.rig_alignment import rig_similarity
 from fgpose.calibration.board.calibrate import CalibratedFromBoards, calibrate_from_boards
-from fgpose.calibration.board.lens import LensKind, numbers_of
+from fgpose.calibration.board.lens import LensKind, camera_of, numbers_of
 from fgpose.calibration.board.lenses import fit_lens
 from fgpose.calibration.board.problem import BoardBundle, BoardProblem, moved_poses
+from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.calibration.board.world import parse_origin
 from fgpose.calibration.from_people.calibrated import Grade
 from fgpose.geometry.camera import CameraRig
@@ -111,6 +112,52 @@ def test_a_lens_has_the_coefficients_that_it_shows(n_distortion: int) -> None:
     fitted = fit_lens(seen, "pinhole")
     assert fitted.kind.n_distortion >= n_distortion
     assert fitted.rms_px == pytest.approx(0.2 * np.sqrt(2), rel=0.15)
+
+
+# Of the colour camera of a Kinect, whose fifth coefficient alone leaves a pixel near the corners.
+RATIONAL = np.array([0.47, -2.5, 8e-4, -2e-4, 1.45, 0.35, -2.33, 1.38])
+
+
+def seen_by(distortion: np.ndarray, focal_px: float, n_cameras: int = 1) -> tuple[CameraRig, BoardSightings]:
+    """A board before cameras with this lens, with 0.2 px of noise."""
+    scene = simulate_boards(n_cameras, 1, noise_px=0.0, n_common=0 if n_cameras == 1 else 16, n_near=24)
+    K = np.array([[focal_px, 0, 960], [0, focal_px, 540], [0, 0, 1]])
+    rig = CameraRig(tuple(replace(camera, distortion=distortion, K=K) for camera in scene.rig.cameras))
+    points_px = np.stack([seen_px(rig, pose, scene.sightings.board) for pose in scene.world_T_board])
+    noisy_px = points_px + np.random.default_rng(4).normal(0, 0.2, points_px.shape)
+    sees = np.isfinite(points_px).any(axis=(1, 2, 3))
+    return rig, replace(scene.sightings, time_s=scene.sightings.time_s[sees], points_px=noisy_px[sees])
+
+
+def test_a_rational_lens_is_found_where_views_show_it() -> None:
+    rig, seen = seen_by(RATIONAL, 900.0)
+    fitted = fit_lens(seen)
+    assert fitted.kind.text == "pinhole, k1 k2 p1 p2 k3 k4 k5 k6"
+    assert fitted.numbers[0] == pytest.approx(rig.cameras[0].K[0, 0], rel=2e-3)
+    assert fitted.rms_px == pytest.approx(0.2 * np.sqrt(2), rel=0.15)
+    # The same rays, whatever the coefficients are; but for the turn that a principal point 2 px off makes.
+    (camera,) = rig.cameras
+    found = camera_of("cam", camera.size_px, fitted.numbers, fitted.kind, np.eye(4))
+    points_px = seen.points_px[np.isfinite(seen.points_px).all(axis=-1)]
+    rays = [(each.undistort(points_px) - each.K[:2, 2]) / np.diag(each.K)[:2] for each in (found, camera)]
+    assert np.median(np.linalg.norm(rays[0] - rays[1], axis=1)) < 2 / 900
+
+
+@pytest.mark.parametrize("n_distortion", [1, 5])
+def test_a_lens_that_is_not_rational_is_not_taken_for_one(n_distortion: int) -> None:
+    _, seen = seen_by(np.array([-0.12, 0.06, 6e-4, -4e-4, -0.01]) * (np.arange(5) < n_distortion), 1100.0)
+    assert fit_lens(seen, "pinhole").kind.n_distortion <= 5
+
+
+@pytest.mark.slow
+def test_rational_lenses_make_a_rig_and_are_held() -> None:
+    rig, seen = seen_by(RATIONAL, 900.0, 3)
+    found = calibrate_from_boards(seen, lens="pinhole")
+    assert {camera.distortion.size for camera in found.rig.cameras} == {8}
+    assert (errors_m(found.rig, rig) < 3 * found.sigmas.position_m).all()
+    held = calibrate_from_boards(seen, intrinsics=rig)
+    np.testing.assert_array_equal(held.rig.cameras[0].distortion, RATIONAL)
+    assert (errors_m(held.rig, rig) < 3 * held.sigmas.position_m).all()
 
 
 @pytest.mark.slow
