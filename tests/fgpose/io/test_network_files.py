@@ -133,6 +133,22 @@ def test_several_people_and_images_without_anybody(tmp_path: Path, rig: CameraRi
             np.testing.assert_allclose(image.points3d_m, [TRUTH_M[frame], others_m[frame]], atol=EXACT_M)
 
 
+@pytest.mark.parametrize("by_number", [True, False])
+def test_tracks_of_people_with_numbers_of_frames(tmp_path: Path, rig: CameraRig, by_number: bool) -> None:
+    """Somebody from the first image on, somebody else from the third."""
+    others_m = TRUTH_M + np.array([0.7, 0.0, 0.0])
+    for camera in rig.cameras:
+        first = stacked(sam3d_people(TRUTH_M, camera)) | {"frame": np.arange(N_FRAMES)}
+        second = stacked(sam3d_people(others_m[2:], camera)) | {"frame": np.arange(2, N_FRAMES)}
+        save_pickle({1: first, 2: second} if by_number else [first, second], tmp_path / f"{camera.name}.pkl")
+    with pytest.warns(UserWarning, match="no confidence"):
+        people = load_people(tmp_path, rig, MHR, fps=FPS)
+    assert [image.n_people for image in people.by_camera[rig.names[1]]] == [1, 1, 2, 2]
+    last = people.by_camera[rig.names[1]][-1].points3d_m
+    assert last is not None
+    np.testing.assert_allclose(last, [TRUTH_M[-1], others_m[-1]], atol=EXACT_M)
+
+
 def test_the_joints_of_another_skeleton_are_taken(tmp_path: Path, rig: CameraRig) -> None:
     write_cameras(tmp_path, rig, lambda people, camera: save_pickle(people, tmp_path / f"{camera.name}.pkl"))
     observations, said = load(tmp_path, rig, COCO)

@@ -152,25 +152,33 @@ def _images(document: Any, network: Network, source: Provenance) -> Iterable[tup
     """The people of each image, with its number."""
     if isinstance(document, Mapping) and _is_of(document, network):
         yield from _stacked_images(document, network, source)
-    elif isinstance(document, Mapping):
-        parts = {key: part for key, part in document.items() if _holds(part)}
-        if len(parts) == 1 and not all(map(_is_number, parts)):
+        return
+    if isinstance(document, Mapping):
+        parts = {str(key): part for key, part in document.items() if _holds(part)}
+        if len(parts) == 1 and not any(letter.isdigit() for key in parts for letter in key):
             for part in parts.values():
                 yield from _images(part, network, source)
             return
-        numbers = frame_numbers(list(map(str, parts)), camera_name(source.camera))
-        if None in numbers.values():
-            raise ValueError(
-                f"{source}: no frame number in the key {next(k for k, n in numbers.items() if n is None)!r}"
-            )
-        for key, part in parts.items():
-            frame = numbers[str(key)]
-            assert frame is not None
-            yield frame, _people(part, replace(source, frame=frame))
+        numbers = frame_numbers(list(parts), camera_name(source.camera))
     else:
-        for place, part in enumerate(document):
-            frame = _frame_of(part, place, source)
+        parts = {str(place): part for place, part in enumerate(document)}
+        numbers = {str(place): _frame_of(part, place, source) for place, part in enumerate(document)}
+    for key, part in parts.items():
+        frame = numbers[key]
+        if _is_track(part, network):
+            yield from _stacked_images(part, network, source)
+        elif frame is None:
+            raise ValueError(f"{source}: no frame number in the key {key!r}")
+        else:
             yield frame, _people(part, replace(source, frame=frame))
+
+
+def _is_track(part: Any, network: Network) -> bool:
+    """Whether a part of a document is somebody in several images, whose numbers are there too."""
+    if not isinstance(part, Mapping) or not _is_of(part, network):
+        return False
+    n_images = len(part[network.joints3d])
+    return any(np.ndim(part[key]) == 1 and len(part[key]) == n_images for key in _FRAME_KEYS if key in part)
 
 
 def _stacked_images(
@@ -206,15 +214,9 @@ def _holds(part: Any) -> bool:
     return network_of(part) is not None or (isinstance(part, list) and not part)
 
 
-def _is_number(key: Any) -> bool:
-    return isinstance(key, int | np.integer) or (isinstance(key, str) and key.isdecimal())
-
-
 def _frame_of(part: Any, place: int, source: Provenance) -> int:
-    if not isinstance(part, Mapping):
-        return place
-    stated = next((part[key] for key in _FRAME_KEYS if key in part), place)
-    return _whole_number(stated, source)
+    stated = next((part[key] for key in _FRAME_KEYS if key in part), place) if isinstance(part, Mapping) else place
+    return place if np.ndim(stated) else _whole_number(stated, source)
 
 
 def _whole_number(value: Any, source: Provenance) -> int:
