@@ -302,6 +302,21 @@ def test_nlf_in_millimetres_and_metres(
     assert (trace[..., wrist] - trace[..., other] > 0.5 * (0.2**2 - 0.05**2)).all()
 
 
+@pytest.mark.parametrize("form", ["pickle", "torch tensors", "json"])
+def test_nlf_of_another_number_of_people_in_each_image(tmp_path: Path, rig: CameraRig, form: str) -> None:
+    suffix, save = SAVES[form]
+    n_people = (1, 2, 0, 1)
+    for camera in rig.cameras:
+        document = nlf(camera, 1e-3, parametric=False)
+        rows = [np.zeros(n, int) for n in n_people]
+        of_images = {key: [each[row] for each, row in zip(of, rows, strict=True)] for key, of in document.items()}
+        save(of_images, tmp_path / f"{camera.name}{suffix}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        people = load_people(tmp_path, rig, SMPL, fps=FPS)
+    assert tuple(image.n_people for image in people.by_camera[rig.names[0]]) == n_people
+
+
 @pytest.mark.parametrize("form", ["pickle", "npz", "json"])
 def test_nlf_of_joints_that_were_asked_for(tmp_path: Path, rig: CameraRig, form: str) -> None:
     """As estimate_poses_batched returns them: without the uncertainties they are MeTRAbs's."""
