@@ -133,6 +133,22 @@ def test_several_people_and_images_without_anybody(tmp_path: Path, rig: CameraRi
             np.testing.assert_allclose(image.points3d_m, [TRUTH_M[frame], others_m[frame]], atol=EXACT_M)
 
 
+@pytest.mark.parametrize("by_number", [True, False])
+def test_tracks_of_people_with_numbers_of_frames(tmp_path: Path, rig: CameraRig, by_number: bool) -> None:
+    """Somebody from the first image on, somebody else from the third."""
+    others_m = TRUTH_M + np.array([0.7, 0.0, 0.0])
+    for camera in rig.cameras:
+        first = stacked(sam3d_people(TRUTH_M, camera)) | {"frame": np.arange(N_FRAMES)}
+        second = stacked(sam3d_people(others_m[2:], camera)) | {"frame": np.arange(2, N_FRAMES)}
+        save_pickle({1: first, 2: second} if by_number else [first, second], tmp_path / f"{camera.name}.pkl")
+    with pytest.warns(UserWarning, match="no confidence"):
+        people = load_people(tmp_path, rig, MHR, fps=FPS)
+    assert [image.n_people for image in people.by_camera[rig.names[1]]] == [1, 1, 2, 2]
+    last = people.by_camera[rig.names[1]][-1].points3d_m
+    assert last is not None
+    np.testing.assert_allclose(last, [TRUTH_M[-1], others_m[-1]], atol=EXACT_M)
+
+
 def test_the_joints_of_another_skeleton_are_taken(tmp_path: Path, rig: CameraRig) -> None:
     write_cameras(tmp_path, rig, lambda people, camera: save_pickle(people, tmp_path / f"{camera.name}.pkl"))
     observations, said = load(tmp_path, rig, COCO)
@@ -284,6 +300,21 @@ def test_nlf_in_millimetres_and_metres(
     trace = np.trace(observations.covariance3d_m2, axis1=-2, axis2=-1)
     # The depth of the whole body is unsure by 4.5 % of 4.5 m, 0.2 m; that of the wrists by 0.2 and 0.05 m more.
     assert (trace[..., wrist] - trace[..., other] > 0.5 * (0.2**2 - 0.05**2)).all()
+
+
+@pytest.mark.parametrize("form", ["pickle", "torch tensors", "json"])
+def test_nlf_of_another_number_of_people_in_each_image(tmp_path: Path, rig: CameraRig, form: str) -> None:
+    suffix, save = SAVES[form]
+    n_people = (1, 2, 0, 1)
+    for camera in rig.cameras:
+        document = nlf(camera, 1e-3, parametric=False)
+        rows = [np.zeros(n, int) for n in n_people]
+        of_images = {key: [each[row] for each, row in zip(of, rows, strict=True)] for key, of in document.items()}
+        save(of_images, tmp_path / f"{camera.name}{suffix}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        people = load_people(tmp_path, rig, SMPL, fps=FPS)
+    assert tuple(image.n_people for image in people.by_camera[rig.names[0]]) == n_people
 
 
 @pytest.mark.parametrize("form", ["pickle", "npz", "json"])

@@ -106,7 +106,8 @@ def images_of(document: Any, source: Provenance, skeleton: Skeleton) -> dict[int
 def is_of_one_image(document: Any) -> bool:
     """Whether a document can only be of one image: one body, alone or with others in a list."""
     if isinstance(document, Mapping) and (network := network_of(document, 0)) is not None:
-        return np.ndim(document[network.joints3d]) == 2
+        joints = as_array(document[network.joints3d])
+        return joints is not None and joints.ndim == 2
     return False
 
 
@@ -152,53 +153,74 @@ def _images(document: Any, network: Network, source: Provenance) -> Iterable[tup
     """The people of each image, with its number."""
     if isinstance(document, Mapping) and _is_of(document, network):
         yield from _stacked_images(document, network, source)
-    elif isinstance(document, Mapping):
-        parts = {key: part for key, part in document.items() if _holds(part)}
-        if len(parts) == 1 and not all(map(_is_number, parts)):
+        return
+    if isinstance(document, Mapping):
+        parts = {str(key): part for key, part in document.items() if _holds(part)}
+        if len(parts) == 1 and not any(letter.isdigit() for key in parts for letter in key):
             for part in parts.values():
                 yield from _images(part, network, source)
             return
-        numbers = frame_numbers(list(map(str, parts)), camera_name(source.camera))
-        if None in numbers.values():
-            raise ValueError(
-                f"{source}: no frame number in the key {next(k for k, n in numbers.items() if n is None)!r}"
-            )
-        for key, part in parts.items():
-            frame = numbers[str(key)]
-            assert frame is not None
-            yield frame, _people(part, replace(source, frame=frame))
+        numbers = frame_numbers(list(parts), camera_name(source.camera))
     else:
-        for place, part in enumerate(document):
-            frame = _frame_of(part, place, source)
+        parts = {str(place): part for place, part in enumerate(document)}
+        numbers = {str(place): _frame_of(part, place, source) for place, part in enumerate(document)}
+    for key, part in parts.items():
+        frame = numbers[key]
+        if _is_track(part, network):
+            yield from _stacked_images(part, network, source)
+        elif frame is None:
+            raise ValueError(f"{source}: no frame number in the key {key!r}")
+        else:
             yield frame, _people(part, replace(source, frame=frame))
+
+
+def _is_track(part: Any, network: Network) -> bool:
+    """Whether a part of a document is somebody in several images, whose numbers are there too."""
+    if not isinstance(part, Mapping) or not _is_of(part, network):
+        return False
+    numbers = [as_array(part[key]) for key in _FRAME_KEYS if key in part]
+    joints = as_array(part[network.joints3d])
+    return (
+        joints is not None and joints.ndim > 2 and any(n is not None and n.shape == joints.shape[:1] for n in numbers)
+    )
 
 
 def _stacked_images(
     document: Mapping[str, Any], network: Network, source: Provenance
 ) -> Iterable[tuple[int, list[_Person]]]:
     """Of arrays whose first axis is the frame, or lists of the arrays of each frame."""
-    joints = document[network.joints3d]
     of_one_image = is_of_one_image(document)
-    n_frames = 1 if of_one_image else len(joints)
+    n_frames = 1 if of_one_image else len(_rows(document, network.joints3d, source))
     of_each: dict[str, list[Any]] = {}
     for key in filter(None, (network.joints3d, network.joints2d, network.translation, network.focal, network.sigma)):
-        if (values := document.get(key)) is None:
+        if document.get(key) is None:
             continue
-        array = as_array(values)
+        array = as_array(document[key])
         if array is not None and array.size == 1:
             of_each[key] = [float(array.ravel()[0])] * n_frames
-        elif of_one_image:
-            of_each[key] = [values]
-        elif len(values) != n_frames:
-            raise ValueError(f"{source}: {network.joints3d} of {n_frames} frames, {key} of {len(values)}")
         else:
-            of_each[key] = list(values)
-    numbers = next((document[key] for key in _FRAME_KEYS if key in document), range(n_frames))
-    if np.shape(numbers) != (n_frames,):
-        raise ValueError(f"{source}: {network.joints3d} of {n_frames} frames, numbers of frames of {np.shape(numbers)}")
-    for place, row in enumerate(zip(*of_each.values(), strict=True)):
-        frame = _whole_number(numbers[place], source)
+            of_each[key] = [document[key]] if of_one_image else _rows(document, key, source)
+        if len(of_each[key]) != n_frames:
+            raise ValueError(f"{source}: {network.joints3d} of {n_frames} frames, {key} of {len(of_each[key])}")
+    numbers = _stated_frames(document, n_frames, source)
+    for frame, row in zip(numbers, zip(*of_each.values(), strict=True), strict=True):
         yield frame, _people(dict(zip(of_each, row, strict=True)), replace(source, frame=frame))
+
+
+def _rows(document: Mapping[str, Any], key: str, source: Provenance) -> list[Any]:
+    """Of an array or a list, along its first axis."""
+    value = document[key]
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
+        return list(value)
+    raise ValueError(f"{source}: {key} is not an array of numbers")
+
+
+def _stated_frames(document: Mapping[str, Any], n_frames: int, source: Provenance) -> list[int]:
+    key = next((key for key in _FRAME_KEYS if key in document), None)
+    numbers = list(range(n_frames)) if key is None else np.atleast_1d(_numbers(document, key, source)).tolist()
+    if len(numbers) != n_frames:
+        raise ValueError(f"{source}: {n_frames} frames, but {key} has {len(numbers)} numbers")
+    return [_whole_number(number, source) for number in numbers]
 
 
 def _holds(part: Any) -> bool:
@@ -206,15 +228,9 @@ def _holds(part: Any) -> bool:
     return network_of(part) is not None or (isinstance(part, list) and not part)
 
 
-def _is_number(key: Any) -> bool:
-    return isinstance(key, int | np.integer) or (isinstance(key, str) and key.isdecimal())
-
-
 def _frame_of(part: Any, place: int, source: Provenance) -> int:
-    if not isinstance(part, Mapping):
-        return place
-    stated = next((part[key] for key in _FRAME_KEYS if key in part), place)
-    return _whole_number(stated, source)
+    stated = next((part[key] for key in _FRAME_KEYS if key in part), place) if isinstance(part, Mapping) else place
+    return place if isinstance(stated, list | tuple) or np.ndim(stated) else _whole_number(stated, source)
 
 
 def _whole_number(value: Any, source: Provenance) -> int:
@@ -242,6 +258,8 @@ def _people(value: Any, source: Provenance) -> list[_Person]:
     if network is None:
         return [person for part in value.values() if network_of(part) is not None for person in _people(part, source)]
     joints3d, joints2d = _numbers(value, network.joints3d, source), _numbers(value, network.joints2d, source)
+    if joints3d.size == joints2d.size == 0:
+        return []
     if joints3d.ndim not in (2, 3) or joints3d.shape[-1] != 3 or joints2d.shape != (*joints3d.shape[:-1], 2):
         raise ValueError(
             f"{source}: {network.joints3d} must be (joints, 3) or (people, joints, 3) and {network.joints2d} (..., 2), "
