@@ -29,6 +29,7 @@ def board_rows(result: CalibratedFromBoards) -> dict[str, list[str]]:
     rows["lens"] = [lens.partition(",")[0] for lens in result.lenses]
     rows["coefficients"] = [lens.partition(", ")[2] or "given" for lens in result.lenses]
     rows["lens at the border ± [px]"] = texts_unless_given(sigmas.border_px, 2)
+    rows["image covered [%]"] = texts(100 * (result.sightings.coverage > 0).mean(axis=(1, 2)), 0)
     rows["views used"] = [str(n) for n in sees.tolist()]
     rows["views left out"] = [str(out[name]) for name in rig.names]
     rows["seen together with others"] = [str(n) for n in _together(result).tolist()]
