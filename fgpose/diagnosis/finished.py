@@ -49,7 +49,11 @@ class FinishedRecording:
     offset_sigma_s: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the time offset of each camera whose offset was estimated; the offsets are the rig's."""
     findings: tuple[CalibrationFinding, ...] = ()
-    """Of the calibration from people, if the rig is from one."""
+    """Of the calibration, if the rig is from one from people or with a board."""
+    calibrated: str = ""
+    """How it was: "from people", "with a board"; empty: not known."""
+    board_coverage: Mapping[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
+    """Of each camera that was calibrated with a board: corners in the parts of its image, in rows from the top."""
     known_findings: tuple[Finding, ...] = ()
     """What was found when it was estimated."""
     estimated: tuple[str, ...] = ()

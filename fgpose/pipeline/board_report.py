@@ -33,6 +33,7 @@ def board_rows(result: CalibratedFromBoards) -> dict[str, list[str]]:
     if result.start_s is not None:
         rows["began after the first [s]"] = texts(result.start_s, 4)
         rows["  ± [ms]"] = texts(1000 * sigmas.start_s, 2)
+    rows["image covered [%]"] = texts(100 * (result.sightings.coverage > 0).mean(axis=(1, 2)), 0)
     rows["views used"] = [str(n) for n in sees.tolist()]
     rows["views left out"] = [str(out[name]) for name in rig.names]
     rows["seen together with others"] = [str(n) for n in _together(result).tolist()]

@@ -82,12 +82,18 @@ def from_people(origin: Origin, found: CalibratedFromPeople) -> Origin:
 def calibration_from_people(found: CalibratedFromPeople) -> CalibrationOrigin:
     """Of the rig that was found."""
     sigma_s = _known(found.rig, found.sigmas.offset_s)
-    return CalibrationOrigin(sigma_s, grade=found.grade.value, findings=reasons(found.findings))
+    return CalibrationOrigin(sigma_s, grade=found.grade.value, findings=reasons(found.findings), method="from people")
 
 
 def calibration_from_boards(found: CalibratedFromBoards) -> CalibrationOrigin:
     """Of the rig that was found."""
-    return CalibrationOrigin(grade=found.grade.value, findings=reasons(found.findings))
+    covered = zip(found.rig.names, found.sightings.coverage.tolist(), strict=True)
+    return CalibrationOrigin(
+        grade=found.grade.value,
+        findings=reasons(found.findings),
+        method="with a board",
+        coverage={name: tuple(map(tuple, counts)) for name, counts in covered},
+    )
 
 
 def after_bumps(known: CalibrationOrigin, found: BumpedRig[Any]) -> CalibrationOrigin:

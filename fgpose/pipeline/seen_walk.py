@@ -47,6 +47,8 @@ class SeenWalk:
     """Markdown."""
     before: CameraRig | None = None
     """The cameras as they were; None: nothing is known of that."""
+    is_board: bool = False
+    """Not somebody: then it is shown which parts of the images it covered."""
 
 
 def of_calibrated(result: CalibratedFromPeople) -> SeenWalk:
@@ -72,6 +74,7 @@ def of_boards(result: CalibratedFromBoards) -> SeenWalk:
         residual_px=result.residual_px,
         position_sigma_m=result.sigmas.position_m,
         report=board_markdown(result),
+        is_board=True,
     )
 
 
@@ -135,15 +138,24 @@ def show_walk(seen: SeenWalk, recording: CalibrationRecording) -> None:
     )
     recording.log_observations(observed)
     recording.log_trajectory(WALK, _trajectory(seen))
+    undistorted_px = rig.undistort(walk.points2d_px)
     scene = CalibrationScene(
         walk.time_s,
         seen.position_sigma_m,
         hips_m(seen.joints_m, walk.skeleton),
-        pairs_px(rig.undistort(walk.points2d_px), rig),
+        pairs_px(undistorted_px, rig),
         seen.report,
         seen.before,
+        _covered_px(undistorted_px, rig) if seen.is_board else {},
     )
     recording.log_calibration(scene)
+
+
+def _covered_px(
+    points_px: Float[np.ndarray, "frame camera joint 2"], rig: CameraRig
+) -> dict[str, Float[np.ndarray, "point 2"]]:
+    own_px = dict(zip(rig.names, points_px.swapaxes(0, 1), strict=True))
+    return {name: each[np.isfinite(each).all(axis=-1)] for name, each in own_px.items()}
 
 
 def _trajectory(seen: SeenWalk) -> Trajectory:

@@ -145,6 +145,8 @@ def load_finished(
             observations=observations,
             offset_sigma_s=known.offset_sigma_s,
             findings=findings_of(origin),
+            calibrated=known.method,
+            board_coverage=known.coverage,
             known_findings=origin.findings,
             estimated=origin.estimated,
             events=origin.events,

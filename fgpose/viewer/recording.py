@@ -229,6 +229,8 @@ class CalibrationScene:
     """Markdown: the verdict, and a table of the cameras."""
     before: CameraRig | None = None
     """The same cameras as they were before; those that have moved since are shown there too."""
+    covered_px: Mapping[str, Float[np.ndarray, "point 2"]] = field(default_factory=dict)
+    """By camera: where in its image, undistorted, a board was seen."""
 
 
 class CalibrationRecording(Recording):

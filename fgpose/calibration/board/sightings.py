@@ -12,6 +12,8 @@ from fgpose.calibration.board.board import Board
 
 MIN_POINTS = 6
 """Of a board in a view: fewer say little of its pose."""
+COVERED_ROWS, COVERED_COLUMNS = 6, 8
+"""Parts of an image that are covered by a board or not: of 80 px in one of 640."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,18 @@ class BoardSightings:
         return replace(
             self, time_s=self.time_s[moments], points_px=self.points_px[moments], velocity_px_s=velocity_px_s
         )
+
+    @property
+    def coverage(self) -> Int[np.ndarray, "camera row column"]:
+        """How many corners each camera saw in each part of its image, from the top left."""
+        sizes_px = np.array(self.sizes_px, dtype=float)
+        # The middle of the first pixel is at 0.
+        share = (self.points_px + 0.5) / sizes_px[:, None]
+        _, camera, _ = np.nonzero(self.seen)
+        column, row = (share[self.seen] * (COVERED_COLUMNS, COVERED_ROWS)).astype(int).T
+        counts = np.zeros((len(sizes_px), COVERED_ROWS, COVERED_COLUMNS), dtype=int)
+        np.add.at(counts, (camera, row.clip(0, COVERED_ROWS - 1), column.clip(0, COVERED_COLUMNS - 1)), 1)
+        return counts
 
     def of_camera(self, c: int) -> BoardSightings:
         """Of one camera, at the moments at which it sees the board."""

@@ -17,7 +17,7 @@ _VERSION = 1
 
 @dataclass(frozen=True)
 class Reason:
-    """A reason for the verdict on a calibration from people, see fgpose.calibration.from_people.calibrated."""
+    """A reason for the verdict on a calibration, see fgpose.calibration.from_people.calibrated."""
 
     camera: str
     """Whose it is; empty: of the whole rig."""
@@ -47,11 +47,15 @@ class CalibrationOrigin:
     """Standard deviation of the time offset of each camera whose offset was estimated."""
     moved: tuple[MovedCamera, ...] = ()
     grade: str = ""
-    """Of a calibration from people, with all its cameras."""
+    """Of a calibration from people or with a board, with all its cameras."""
     findings: tuple[Reason, ...] = ()
-    """Of a calibration from people."""
+    """Of the same."""
     step: str = ""
     """The command that wrote the file."""
+    method: str = ""
+    """How the cameras were calibrated: "from people", "with a board"; empty: not known."""
+    coverage: Mapping[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
+    """Of each camera that was calibrated with a board: corners in the parts of its image, in rows from the top."""
 
     def subset(self, cameras: Collection[str]) -> CalibrationOrigin:
         """What holds of some of the cameras; what is said of the whole rig stays."""
@@ -60,6 +64,7 @@ class CalibrationOrigin:
             offset_sigma_s={name: sigma_s for name, sigma_s in self.offset_sigma_s.items() if name in cameras},
             moved=tuple(each for each in self.moved if each.camera in cameras),
             findings=tuple(each for each in self.findings if not each.camera or each.camera in cameras),
+            coverage={name: counts for name, counts in self.coverage.items() if name in cameras},
         )
 
 
@@ -75,7 +80,8 @@ def table_of(known: CalibrationOrigin | None, cameras: Any = None) -> dict[str, 
         return {}
     table = {name: list(value) if isinstance(value, tuple) else value for name, value in vars(known).items()}
     table |= {name: [dataclasses.asdict(each) for each in table[name]] for name in ("moved", "findings")}
-    table["offset_sigma_s"] = dict(table["offset_sigma_s"])
+    table["offset_sigma_s"] = dict(known.offset_sigma_s)
+    table["coverage"] = {name: [list(row) for row in counts] for name, counts in known.coverage.items()}
     rig = {} if cameras is None else {"rig": _digest(cameras)}
     return {"version": _VERSION} | rig | {name: value for name, value in table.items() if value}
 

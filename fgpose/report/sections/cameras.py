@@ -23,6 +23,7 @@ from fgpose.report.plots import (
     models,
     plain_figure,
 )
+from fgpose.report.sections.calibration import verdict
 from fgpose.report.sections.people import of_everybody, of_people
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
@@ -294,21 +295,5 @@ def camera_section(recording: FinishedRecording) -> Section:
     blocks.append(Table(columns, tuple(rows), "Cameras in the world", hints=hints))
     if not recording.offset_sigma_s:
         blocks.append(Note("The clocks are those of the calibration; they were not estimated from this motion.", True))
-    blocks += _verdict(recording)
+    blocks += verdict(recording)
     return Section("Cameras, calibration and clocks", "cameras", blocks, short="Cameras")
-
-
-def _verdict(recording: FinishedRecording) -> list[Block]:
-    if not recording.findings:
-        return [Note("No verdict: the cameras were not calibrated from the people of this recording.", is_missing=True)]
-    rows = [
-        (
-            TableCell(finding.camera or "all"),
-            TableCell(finding.grade.value),
-            TableCell(finding.reason),
-            TableCell(finding.remedy),
-        )
-        for finding in recording.findings
-    ]
-    columns = ("camera", "verdict", "reason", "remedy")
-    return [Table(columns, tuple(rows), "Verdict of the calibration from people", numeric=(False,) * 4)]

@@ -11,6 +11,9 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.io.origin import InputFile, Origin
 from fgpose.report.blocks import Block, Note, Section, Table, TableCell, Text
 
+FROM_PEOPLE = "from people"
+"""How cameras were calibrated whose file has a verdict and does not say."""
+
 
 def origin_section(recording: FinishedRecording) -> Section:
     """Files, skeleton, rates, versions and settings."""
@@ -55,7 +58,7 @@ def facts_of(origin: Origin) -> dict[str, str]:
     """As they are to be read, by name."""
     facts = {f"{each.what} {each.camera}".rstrip(): _described(each) for each in origin.inputs}
     if origin.calibration.grade:
-        facts["Calibration from people"] = origin.calibration.grade
+        facts[f"Calibration {origin.calibration.method or FROM_PEOPLE}"] = origin.calibration.grade
     for each in origin.calibration.moved:
         facts[f"Camera {each.camera} moved by"] = f"{each.rotation_deg:.2f}°, {1000 * each.translation_m:.0f} mm"
     if origin.remarks:
@@ -96,7 +99,7 @@ def _size(n_bytes: int) -> str:
 
 
 def findings_of(origin: Origin) -> tuple[CalibrationFinding, ...]:
-    """Of the calibration from people; those with a grade that this version does not know are left out."""
+    """Of the calibration; those with a grade that this version does not know are left out."""
     known = {grade.value: grade for grade in Grade}
     return tuple(
         CalibrationFinding(each.camera, known[each.grade], each.reason, each.remedy)

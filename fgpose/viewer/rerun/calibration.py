@@ -24,6 +24,7 @@ from fgpose.viewer.rerun.session import Target
 _SIGMAS_90 = 2.5003
 _LINE = rr.Radius.ui_points(1.2)
 _VERTICAL_M = 1.0
+_COVERED, _COVERED_ORDER = rr.Radius.ui_points(1.0), 5.0  # below detections
 # A convex hull needs three points that are not on a line; a step to the side makes them.
 _MIN_WIDTH_M = 0.05
 
@@ -34,6 +35,7 @@ def log_calibration_scene(stream: rr.RecordingStream, rig: CameraRig, scene: Cal
     _log_sigmas(stream, rig, scene.position_sigma_m)
     if scene.before is not None:
         _log_before(stream, scene.before, rig)
+    _log_coverage(stream, rig, scene)
     strips = _strips(scene.path_m)
     stream.log(paths.WALKED, rr.LineStrips3D(strips, radii=_LINE, colors=palette.PATH), static=True)
     outline_m = walked_outline_m(scene.path_m, up)
@@ -70,6 +72,17 @@ def _log_sigmas(stream: rr.RecordingStream, rig: CameraRig, position_sigma_m: Fl
         for name, sigma_m in zip(rig.names, position_sigma_m.tolist(), strict=True)
     ]
     log_camera_names(stream, rig, texts, [palette.camera_colour(c) for c in range(rig.n_cameras)])
+
+
+def _log_coverage(stream: rr.RecordingStream, rig: CameraRig, scene: CalibrationScene) -> None:
+    """All that was seen of a board, under what is seen of it now, in the frame of the image."""
+    for camera in rig.cameras:
+        if camera.name in scene.covered_px:
+            path = paths.coverage(camera.name)
+            look = {"radii": _COVERED, "draw_order": _COVERED_ORDER}
+            stream.log(path, rr.Points2D(scene.covered_px[camera.name], colors=palette.PATH, **look), static=True)
+            frame = rr.Boxes2D(mins=[(-0.5, -0.5)], sizes=[camera.size_px], colors=palette.FLOOR, **look)
+            stream.log(f"{path}/frame", frame, static=True)
 
 
 def _log_before(stream: rr.RecordingStream, before: CameraRig, rig: CameraRig) -> None:

@@ -58,6 +58,10 @@ def detections(camera_name: str) -> str:
     return f"{image(camera_name)}/detections"
 
 
+def coverage(camera_name: str) -> str:
+    return f"{image(camera_name)}/coverage"
+
+
 def reprojections(camera_name: str, trajectory: str) -> str:
     return join(f"{image(camera_name)}/reprojections", trajectory)
 

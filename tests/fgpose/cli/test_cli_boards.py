@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from filmed_boards import FILMED, film, film_carried
+from rrd_contents import static_values
 
 import fgpose
 from fgpose.assessment.rigs import angle_deg
@@ -50,7 +51,15 @@ def test_images_become_a_rig(
     assert apart_m == pytest.approx(truly_m, rel=0.01)
     np.testing.assert_allclose(rig.focal_px, true.focal_px, rtol=0.01)
     assert (tmp_path / "rig.rrd").stat().st_size > 0
-    assert load_calibration_origin(path).grade in ("good", "coarse")
+    known = load_calibration_origin(path)
+    assert known.grade in ("good", "coarse")
+    assert known.method == "with a board"
+    assert "image covered [%]" in printed
+    assert {name: np.shape(counts) for name, counts in known.coverage.items()} == dict.fromkeys(true.names, (6, 8))
+    for name in true.names:
+        # All corners that are used, and nothing else, are shown in the image.
+        points_px = static_values(tmp_path / "rig.rrd", f"/world/camera/{name}/image/coverage", "Points2D:positions")
+        assert len(points_px) == np.sum(known.coverage[name]) > 100
     assert made_by(path) == "calibrate"
 
 

@@ -27,6 +27,8 @@ KNOWN = CalibrationOrigin(
         Reason("", "coarse", "few people", "walk longer"),
         Reason("ring_1", "coarse", 'the "focal" length ‒ unknown', "walk closer"),
     ),
+    method="with a board",
+    coverage={"ring_0": ((0, 3), (12, 0)), "ring_2": ((1, 1), (0, 0))},
 )
 KEEPING: tuple[tuple[RigFormat, str], ...] = (("pose2sim", "toml"), ("aniposelib", "toml"), ("npz", "npz"))
 

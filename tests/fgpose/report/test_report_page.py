@@ -35,7 +35,7 @@ from fgpose.report.plots import TIME_AXIS, share_time
 from fgpose.report.sections import sections
 from fgpose.report.sections.angles import angle_section
 from fgpose.report.sections.body import sigma_section
-from fgpose.report.sections.cameras import reprojection_section, seen_section
+from fgpose.report.sections.cameras import camera_section, reprojection_section, seen_section
 from fgpose.report.sections.worst_moments import WorstMoment
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
@@ -122,6 +122,22 @@ def test_people_clocks_and_the_verdict_are_shown(walk: FinishedRecording, tmp_pa
     assert "person 3 recognised the same bones as person 3" in text
     assert "+0.0 ± 1.2" in text
     assert "ring_1 coarse the focal length is not determined walk away from it" in text
+
+
+def test_a_calibration_with_a_board_is_called_so_and_shows_what_was_covered(walk: FinishedRecording) -> None:
+    finding = CalibrationFinding("ring_1", Grade.COARSE, "the board is used in 4 of its images only", "take more")
+    half = tuple(8 * (count,) for count in (0, 0, 0, 1, 7, 90))
+    recording = replace(walk, findings=(finding,), calibrated="with a board", board_coverage={"ring_1": half})
+    page = html(Page("walk", "Recording", "", [camera_section(recording)]))
+    assert "Verdict of the calibration with a board" in page
+    assert "from people" not in page
+    assert "50 % of the image covered" in page
+    # A frame, and the parts that were seen: those with most corners are darkest.
+    opacity = [float(each) for each in re.findall(r'fill-opacity="([^"]+)"', page)]
+    assert len(opacity) == 24
+    assert opacity[0] == 0.25 < opacity[8] < opacity[-1] == 1.0
+    praised = replace(recording, findings=())
+    assert "calibrated with a board; nothing was said against" in html(Page("w", "R", "", [camera_section(praised)]))
 
 
 def test_one_person_is_shown_at_a_time(walk: FinishedRecording) -> None:
