@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fgpose.io.skeleton_tables import skeleton_of, skeleton_table
 from fgpose.io.skeletons import load_skeleton
+from fgpose.io.skeletons.tables import skeleton_of, skeleton_table
 from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.skeleton import BodyPart, Skeleton
 from fgpose.trajectory import Trajectory

@@ -19,7 +19,7 @@ from fgpose.io.keypoints.detection_columns import (
 )
 from fgpose.io.keypoints.recording_files import SKELETON, is_parquet, is_recording, with_skeleton
 from fgpose.io.names import match_cameras
-from fgpose.io.skeleton_tables import skeleton_to_json
+from fgpose.io.skeletons.tables import skeleton_to_json
 from fgpose.io.tables import column_names, names, nullable, numbers, read_table, write_table
 from fgpose.observations import is_infinite, positive_definite
 from fgpose.people_observations import Detections, PeopleObservations

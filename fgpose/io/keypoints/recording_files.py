@@ -20,7 +20,7 @@ from fgpose.io.keypoints.detection_columns import (
     require_columns,
 )
 from fgpose.io.names import match_cameras
-from fgpose.io.skeleton_tables import skeleton_to_json
+from fgpose.io.skeletons.tables import skeleton_to_json
 from fgpose.io.tables import names, nullable, numbers, read_table, write_table
 from fgpose.observations import Observations
 from fgpose.plain_files import naming

@@ -29,7 +29,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import live_format
 from fgpose.io.live.packing import unpacked
 from fgpose.io.live.record_files import RecordFile
-from fgpose.io.skeleton_tables import skeleton_of, skeleton_table
+from fgpose.io.skeletons.tables import skeleton_of, skeleton_table
 from fgpose.people_observations import Detections
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from fgpose.config import Config, config_from_dict, config_to_toml, parse_toml
 from fgpose.io.content import parse_json
-from fgpose.io.skeleton_tables import joint_indices, joint_names, skeleton_from_json, skeleton_to_json
+from fgpose.io.skeletons.tables import joint_indices, joint_names, skeleton_from_json, skeleton_to_json
 from fgpose.trajectory import Convergence, Status, Trajectory
 
 

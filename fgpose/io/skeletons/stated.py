@@ -21,8 +21,8 @@ from fgpose.io.keypoints.recording_files import SKELETON, is_parquet, is_recordi
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
 from fgpose.io.live.recordings import LiveRecordingFile
 from fgpose.io.names import not_hidden
-from fgpose.io.skeleton_tables import skeleton_from_json
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
+from fgpose.io.skeletons.tables import skeleton_from_json
 from fgpose.io.tables import file_metadata, names, read_table
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
