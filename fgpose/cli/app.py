@@ -125,9 +125,6 @@ def _run(arguments: list[str]) -> int:
     if arguments[:1] == ["--version"]:
         sys.stdout.write(f"fgpose {version('fgpose')}\n")
         return 0
-    if not arguments or arguments[0] in {*_HELP, _HELP_ALL}:
-        _help()
-        raise SystemExit(0)
     set_arguments(arguments)
     with _plain_warnings():
         code = _parse(arguments).run()
@@ -155,13 +152,15 @@ def _commands(arguments: list[str]) -> dict[str, type]:
     return _COMMANDS | added("fgpose.commands") | _COMMANDS
 
 
-def _help() -> None:
-    with _plain_warnings():
-        others = {name: command for name, command in _commands([]).items() if name not in _COMMANDS}
+def _list_commands() -> None:
+    others = {name: command for name, command in _commands([]).items() if name not in _COMMANDS}
     print_commands(_GROUPS | {"of other packages": others} if others else _GROUPS, _DESCRIPTION)
 
 
 def _parse(arguments: list[str]) -> Command:
+    if not arguments or arguments[0] in {*_HELP, _HELP_ALL}:
+        _list_commands()
+        raise SystemExit(0)
     import tyro
 
     known = _commands(arguments)
