@@ -18,8 +18,9 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import LiveFrame, LivePerson
 from fgpose.sampling import TIME_ROUNDING_S, between_images
 
-# Between frames that are further apart nobody's way is known.
-_GAP_S = 0.25
+# Between frames that are further apart nobody's way is known; a frame that is so near is of the same moment, where a
+# computer is too slow for others. Somebody who walks moves by 3 cm.
+_GAP_S, _NEAR_S = 0.25, 0.02
 # A picture whose people are not known by then is shown without them.
 _WAITS_S = 1.0
 # Frames of this time are kept, and some pictures that wait for theirs.
@@ -119,12 +120,14 @@ class PicturesWithPeople:
     def _people(self, moment_s: float) -> tuple[LivePerson, ...]:
         """Who is there before and after the moment: positions linear between both, the rest of the nearer one."""
         times_s = np.array([frame.time_s for frame in self._frames])
-        after = int(np.searchsorted(times_s, moment_s - TIME_ROUNDING_S))
-        if after == len(times_s):
+        if not len(times_s):
             return ()
-        if abs(times_s[after] - moment_s) <= TIME_ROUNDING_S:
-            return self._frames[after].people
-        if after == 0 or times_s[after] - times_s[after - 1] > _GAP_S:
+        after, nearest = int(np.searchsorted(times_s, moment_s)), int(np.argmin(np.abs(times_s - moment_s)))
+        apart_s = abs(times_s[nearest] - moment_s)
+        is_between = 0 < after < len(times_s) and times_s[after] - times_s[after - 1] <= _GAP_S
+        if apart_s <= (TIME_ROUNDING_S if is_between else _NEAR_S):
+            return self._frames[nearest].people
+        if not is_between:
             return ()
         around_s = times_s[after - 1 : after + 1]
         earlier, later = (_by_number(self._frames[each].people) for each in (after - 1, after))
