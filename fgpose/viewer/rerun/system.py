@@ -24,8 +24,8 @@ from fgpose.viewer.rerun.scene import log_line
 from fgpose.viewer.rerun.session import Target
 
 _UNKNOWN = CameraSaid("")
-# A camera without a picture for longer shows its points without one.
-_PICTURE_LASTS_S = 1.0
+# A camera without a new picture for longer shows its points without one.
+_PICTURE_LASTS_S = 3.0
 _N_MOMENTS = 200
 
 
@@ -93,11 +93,12 @@ class RerunSystemRecording(RerunRecording, SystemRecording):
         super()._send(picture_rows(picture.detections, picture.people, calibrated, gone), np.array([time_s]), frame)
 
     def _end_pictures(self, frame: int, moment: SystemState) -> None:
-        """Of cameras from which none has come for long: from now on the points move without them."""
+        """Of cameras from which none has come for long: it is taken away, and the points move on."""
         here = {each.person for each in moment.people}
         for name in self._pictured.keys() - self._pictured_s.keys():
             rows = absent_rows(self._pictured.pop(name) - here, name)
             self._send(rows, np.array([moment.time_s]), frame)
+            self._take_picture_away(name, frame, moment.time_s)
 
     def _send(
         self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"], first_frame: int = 0, step: int = 1

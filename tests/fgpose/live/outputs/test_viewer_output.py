@@ -247,7 +247,7 @@ def walking_update(number: int) -> tuple[Update, LivePerson | None]:
 def test_a_picture_and_its_points_are_of_one_moment(tmp_path: Path) -> None:
     path, every, late = tmp_path / "live.rrd", 10, 2
     output = ViewerOutput(path, RIG, SKELETON)
-    for number in range(110):
+    for number in range(165):
         # It is there before its people are; its brightness says which one it is.
         for name in RIG.names if number % every == 5 and number < 70 else ():
             output.show_image(name, picture(number), START_S + number / RATE_HZ)
@@ -262,6 +262,9 @@ def test_a_picture_and_its_points_are_of_one_moment(tmp_path: Path) -> None:
         publish(output, LiveFrame(of, time_s, time_s + 0.05, SKELETON, people, cameras, 1.0))
     output.close()
     pictures = rows(path, "/world/camera/cam_2/image/picture", "EncodedImage:blob")
+    # None has come for three seconds: the last one is taken away.
+    assert [number for number, (_, value) in pictures.items() if not value] == [65 + round(3 * RATE_HZ)]
+    pictures = {number: row for number, row in pictures.items() if row[1]}
     assert len(pictures) == 7
     detected = rows(path, "/world/camera/cam_2/image/detections", "Points2D:positions")
     reprojected = rows(path, f"/world/camera/cam_2/image/reprojections/person_{PERSON}", "Points2D:positions")
