@@ -26,6 +26,7 @@ _PLACES = {
     "spine2": (0.0, 0.665),
     "spine1": (0.0, 0.59),
     "hand": (0.115, 0.42),
+    "hand_root": (0.105, 0.478),
     "thumb": (0.08, 0.43),
     "index": (0.1, 0.4),
     "pinky": (0.13, 0.415),
@@ -58,7 +59,48 @@ _PLACES = {
     "big_toe": (0.095, -0.035),
     "small_toe": (0.13, -0.02),
 }
-_HEIGHT_PX, _WIDTH_PX, _MARGIN_PX = 900, 720, 60
+# Points of a face, twice as large as the face that they are in.
+_OF_FACE = {
+    "chin": (0.0, 0.793),
+    "nose_base": (0.0, 0.887),
+    "nose_tip": (0.0, 0.912),
+    "upper_lip": (0.0, 0.862),
+    "inner_upper_lip": (0.011, 0.856),
+    "inner_lower_lip": (0.011, 0.852),
+    "lower_lip": (0.0, 0.842),
+    "nose_bridge_1": (0.0, 0.958),
+    "nose_bridge_2": (0.0, 0.943),
+    "nose_bridge_3": (0.0, 0.928),
+    "jaw_1": (0.091, np.float64(0.944)),
+    "jaw_2": (0.089, np.float64(0.914)),
+    "jaw_3": (0.084, np.float64(0.886)),
+    "jaw_4": (0.075, np.float64(0.86)),
+    "jaw_5": (0.064, np.float64(0.837)),
+    "jaw_6": (0.05, np.float64(0.818)),
+    "jaw_7": (0.035, np.float64(0.804)),
+    "jaw_8": (0.018, np.float64(0.796)),
+    "brow_1": (0.062, 0.992),
+    "brow_2": (0.05, 0.992),
+    "brow_3": (0.039, 0.989),
+    "brow_4": (0.028, 0.984),
+    "brow_5": (0.016, 0.983),
+    "nostril_1": (0.008, 0.891),
+    "nostril_2": (0.016, 0.894),
+    "eye_outer": (0.057, 0.96),
+    "eye_inner": (0.023, 0.96),
+    "pupil": (0.04, 0.963),
+    "eye_upper_1": (0.047, 0.968),
+    "eye_upper_2": (0.034, 0.968),
+    "eye_lower_1": (0.047, 0.955),
+    "eye_lower_2": (0.034, 0.955),
+    "mouth_corner": (0.031, 0.855),
+    "inner_mouth_corner": (0.025, 0.855),
+    "upper_lip_1": (0.02, 0.861),
+    "upper_lip_2": (0.009, 0.865),
+    "lower_lip_1": (0.02, 0.847),
+    "lower_lip_2": (0.009, 0.843),
+}
+_HEIGHT_PX, _WIDTH_PX, _MARGIN_PX, _LINE_PX = 900, 720, 60, 15
 # Seen on light and on dark, and by the colour-blind (Okabe and Ito).
 LEFT, RIGHT, MIDDLE = "#0072b2", "#d55e00", "#808890"
 
@@ -76,18 +118,19 @@ def skeleton_picture(skeleton: Skeleton) -> str:
         for (x1, y1), (x2, y2) in (places_px[list(pair)] for pair in pairs)
     ]
     for name, (x, y) in zip(skeleton.joints, places_px, strict=True):
+        radius_px = 2 if skeleton.part_names[skeleton.index(name)] else 5
         colour = LEFT if name.startswith("left_") else RIGHT if name.startswith("right_") else MIDDLE
-        shapes.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="{colour}"/>')
+        shapes.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius_px}" fill="{colour}"/>')
     shapes += _labels(skeleton, places_px)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH_PX} {_HEIGHT_PX}" font-family="sans-serif" '
-        f'font-size="12" fill="{MIDDLE}">\n<title>{escape(skeleton.name)}</title>\n'
+        f'fill="{MIDDLE}">\n<title>{escape(skeleton.name)}</title>\n'
         f'<g stroke="{MIDDLE}" stroke-width="2" stroke-linecap="round">\n' + "\n".join(shapes) + "\n</g>\n</svg>\n"
     )
 
 
 def _places_px(skeleton: Skeleton) -> Float[np.ndarray, "joint 2"]:
-    places = np.array([standing(joint, _PLACES) for joint in skeleton.joints])
+    places = np.array([standing(joint, _OF_FACE | _PLACES) for joint in skeleton.joints])
     unknown = [joint for joint, place in zip(skeleton.joints, places, strict=True) if np.isnan(place).any()]
     if unknown:
         raise ValueError(f"where to draw {', '.join(unknown)} of skeleton {skeleton.name} is not known")
@@ -102,11 +145,13 @@ def _labels(skeleton: Skeleton, places_px: Float[np.ndarray, "joint 2"]) -> list
     shapes = []
     for is_left, x_px, anchor in ((True, _WIDTH_PX - 10, "end"), (False, 10, "start")):
         side = [n for n, name in enumerate(skeleton.joints) if name.startswith("left_") == is_left]
+        line_px = min(_LINE_PX, (_HEIGHT_PX - 2 * _MARGIN_PX) / max(len(side), 1))
         y_px = -np.inf
         for n in sorted(side, key=lambda n: places_px[n, 1]):
-            y_px = max(float(places_px[n, 1]), y_px + 15)
+            y_px = max(float(places_px[n, 1]), y_px + line_px)
             shapes.append(
-                f'<text x="{x_px}" y="{y_px + 4:.1f}" text-anchor="{anchor}" stroke="none">'
+                f'<text x="{x_px}" y="{y_px + 4:.1f}" text-anchor="{anchor}" stroke="none" '
+                f'font-size="{0.8 * line_px:.1f}">'
                 f"{n} {escape(skeleton.joints[n])}</text>"
             )
     return shapes

@@ -10,11 +10,12 @@ from fgpose.io.content import parse_json
 from fgpose.skeleton import BodyPart, Skeleton
 
 _PAIRS = ("bones", "left_right", "limbs", "lines")
+_FIELDS = ("name", "joints", "bones", "root", "left_right", "limbs", "lines")
 
 
 def skeleton_table(skeleton: Skeleton) -> dict[str, Any]:
     """What skeleton_of reads; parts are there if it has any."""
-    table = {name: getattr(skeleton, name) for name in ("name", "joints", "root", *_PAIRS)}
+    table = {name: getattr(skeleton, name) for name in _FIELDS}
     return table | ({"parts": [asdict(part) for part in skeleton.parts]} if skeleton.parts else {})
 
 
@@ -22,7 +23,7 @@ def skeleton_of(table: Any) -> Skeleton:
     """The skeleton of such a table. Raises ValueError: it is none; the message says why."""
     if not isinstance(table, dict):
         raise ValueError("a table is needed")
-    missing = [name for name in ("name", "joints", "root", *_PAIRS) if name not in table]
+    missing = [name for name in _FIELDS if name not in table]
     if missing or not isinstance(table["name"], str):
         raise ValueError(f"{', '.join(missing) or 'its name'} is missing")
     return Skeleton(

@@ -250,11 +250,11 @@ def test_all_images_are_judged_in_any_order(rig: fgpose.CameraRig, skeleton: fgp
         by_frames.update_arrays(time_s, points2d_px[frame], seen.confidence[frame])
         for c in ORDERS[order][frame].tolist():
             by_images.update_camera(rig.names[c], time_s, points2d_px[frame, c], seen.confidence[frame, c])
-    ours, whole = by_images._visibility, by_frames._visibility
+    ours, whole = by_images._body._visibility, by_frames._body._visibility
     # The poses differ by where the graphs were linearised.
     np.testing.assert_allclose(ours._measurements, whole._measurements, rtol=0.05)
     np.testing.assert_allclose(ours._spread_m, whole._spread_m, rtol=0.1)
-    visibility = [each._window[-1].evidence.visibility for each in (by_images, by_frames)]
+    visibility = [each._body._window[-1].evidence.visibility for each in (by_images, by_frames)]
     np.testing.assert_allclose(visibility[0], visibility[1], atol=0.1)
-    weights = [each._window[-1].evidence.weights[0, 1, 13] for each in (by_images, by_frames)]
+    weights = [each._body._window[-1].evidence.weights[0, 1, 13] for each in (by_images, by_frames)]
     assert weights[0] == pytest.approx(weights[1], rel=0.2)

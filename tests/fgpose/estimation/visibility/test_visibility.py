@@ -320,7 +320,7 @@ def test_what_an_update_accepted_is_taken_back_within_the_lag(rig: CameraRig, sk
     shares = []
     for frame in list(replace(scene.observations, points2d_px=points_px))[: onset + 12]:
         live.update(frame)
-        state = next((state for state in live._window if state.at.frame == onset), None)
+        state = next((state for state in live._body._window if state.at.frame == onset), None)
         if state is not None:
             shares.append((state.evidence.weights / state.gathered.weights)[0, :, wrist])
     assert shares[0].min() > 0.8, "as predicted from the frames before"
