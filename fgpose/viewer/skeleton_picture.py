@@ -71,14 +71,14 @@ _OF_FACE = {
     "nose_bridge_1": (0.0, 0.958),
     "nose_bridge_2": (0.0, 0.943),
     "nose_bridge_3": (0.0, 0.928),
-    "jaw_1": (0.091, np.float64(0.944)),
-    "jaw_2": (0.089, np.float64(0.914)),
-    "jaw_3": (0.084, np.float64(0.886)),
-    "jaw_4": (0.075, np.float64(0.86)),
-    "jaw_5": (0.064, np.float64(0.837)),
-    "jaw_6": (0.05, np.float64(0.818)),
-    "jaw_7": (0.035, np.float64(0.804)),
-    "jaw_8": (0.018, np.float64(0.796)),
+    "jaw_1": (0.091, 0.944),
+    "jaw_2": (0.089, 0.914),
+    "jaw_3": (0.084, 0.886),
+    "jaw_4": (0.075, 0.86),
+    "jaw_5": (0.064, 0.837),
+    "jaw_6": (0.05, 0.818),
+    "jaw_7": (0.035, 0.804),
+    "jaw_8": (0.018, 0.796),
     "brow_1": (0.062, 0.992),
     "brow_2": (0.05, 0.992),
     "brow_3": (0.039, 0.989),
@@ -130,7 +130,8 @@ def skeleton_picture(skeleton: Skeleton) -> str:
 
 
 def _places_px(skeleton: Skeleton) -> Float[np.ndarray, "joint 2"]:
-    places = np.array([standing(joint, _OF_FACE | _PLACES) for joint in skeleton.joints])
+    with_face = _PLACES | _OF_FACE if "face" in skeleton.part_names else _PLACES
+    places = np.array([standing(joint, with_face) for joint in skeleton.joints])
     unknown = [joint for joint, place in zip(skeleton.joints, places, strict=True) if np.isnan(place).any()]
     if unknown:
         raise ValueError(f"where to draw {', '.join(unknown)} of skeleton {skeleton.name} is not known")
