@@ -7,7 +7,7 @@ import io
 import pickle
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -131,7 +131,7 @@ class _Unpickler(pickle.Unpickler):
     It does not return NumPy's and torch's own functions either: some of them trust the sizes that a file states.
     """
 
-    def __init__(self, file: BinaryIO, storage: StorageOf | None = None) -> None:
+    def __init__(self, file: io.BufferedIOBase, storage: StorageOf | None = None) -> None:
         super().__init__(file)
         self._storage = storage
 
@@ -244,7 +244,7 @@ def unpickled_npy(content: bytes) -> Any:
         raise ValueError(f"not a readable array of objects: {error}") from None
 
 
-def _read(file: BinaryIO, any_shape: bool = False) -> Any:
+def _read(file: io.BufferedIOBase, any_shape: bool = False) -> Any:
     version = np.lib.format.read_magic(file)
     read_header = {
         (1, 0): np.lib.format.read_array_header_1_0,

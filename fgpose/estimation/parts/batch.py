@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from fgpose.skeleton import BodyPart, Skeleton
 from fgpose.trajectory import BoneLengths, Convergence, Trajectory, joint_status
 
 
+@runtime_checkable
 class Smooth(Protocol):
     """Smooths joints that are no whole body; see fgpose.estimation.smoother.smooth_evidence."""
 

@@ -38,6 +38,7 @@ def test_smooth(tmp_path: Path, name: str):
     assert np.mean(np.linalg.norm(found.positions_m - scene.truth_m, axis=-1)) < 0.015
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_search_for_faults")
 def test_track(tmp_path: Path):
     scene, given = recording(tmp_path, "holistic_75", 20)

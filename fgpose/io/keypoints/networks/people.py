@@ -72,7 +72,7 @@ def network_of(document: Any, deepest: int = _DEEPEST) -> Network | None:
     return found
 
 
-def _is_of(document: Mapping[str, Any], network: Network) -> bool:
+def _is_of(document: Mapping[Any, Any], network: Network) -> bool:
     # Without the uncertainties these are MeTRAbs's.
     marks = {network.joints3d, network.sigma} if network.joints3d == "poses3d" else {network.joints3d}
     return marks <= document.keys()
@@ -186,7 +186,7 @@ def _is_track(part: Any, network: Network) -> bool:
 
 
 def _stacked_images(
-    document: Mapping[str, Any], network: Network, source: Provenance
+    document: Mapping[Any, Any], network: Network, source: Provenance
 ) -> Iterable[tuple[int, list[_Person]]]:
     """Of arrays whose first axis is the frame, or lists of the arrays of each frame."""
     of_one_image = is_of_one_image(document)
