@@ -12,7 +12,8 @@ import threading
 import urllib.parse
 import urllib.request
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -40,12 +41,31 @@ def taken_port() -> Iterator[int]:
         yield server.getsockname()[1]
 
 
-def test_the_address_is_said_once_it_answers_and_ctrl_c_ends(recording: Path) -> None:
+@pytest.fixture
+def viewer(recording: Path) -> Iterator[subprocess.Popen[str]]:
+    """The command with Rerun, in a group of its own, which ends with the test whatever happens. Ctrl-C reaches it also
+    where the tests run in the background of a shell, which ignores it there."""
     command = [sys.executable, "-m", "fgpose", "view", str(recording), "--web"]
     environment = {name: value for name, value in os.environ.items() if name != "RUST_LOG"}
-    viewer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        try:
+            yield process
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_the_address_is_said_once_it_answers_and_ctrl_c_ends(viewer: subprocess.Popen[str]) -> None:
     assert viewer.stdout is not None
-    first = viewer.stdout.readline()
+    first, second = viewer.stdout.readline(), viewer.stdout.readline()
     url = re.fullmatch(r"open (http://127\.0\.0\.1:\d+/\?url=\S+) in a browser; Ctrl-C ends\n", first)
     assert url, first
     with urllib.request.urlopen(url[1], timeout=_PATIENCE_S) as page:
@@ -54,11 +74,10 @@ def test_the_address_is_said_once_it_answers_and_ctrl_c_ends(recording: Path) ->
     assert re.fullmatch(r"rerun\+http://127\.0\.0\.1:\d+/proxy", data[0])
     viewer.send_signal(signal.SIGINT)
     out, err = viewer.communicate(timeout=_PATIENCE_S)
-    assert viewer.returncode == 0
+    assert (viewer.returncode, out, err) == (0, "", "")
     assert re.fullmatch(
-        r"From another computer, first: ssh -L \d+:localhost:\d+ -L \d+:localhost:\d+ THIS_COMPUTER\n", out
+        r"From another computer, first: ssh -L \d+:localhost:\d+ -L \d+:localhost:\d+ THIS_COMPUTER\n", second
     )
-    assert not err
 
 
 def test_ports_that_are_taken_are_replaced(taken_port: int, monkeypatch: pytest.MonkeyPatch) -> None:
