@@ -81,6 +81,7 @@ def test_starts_are_as_sure_as_is_said() -> None:
     assert 0.3 < np.sqrt(np.mean(np.square(of_sigma))) < 1.7
 
 
+@pytest.mark.slow
 def test_without_noise_the_starts_are_exact() -> None:
     scene = simulated(1, 0.0)
     result = calibrate_carried(
