@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.rigid import nearest_rotation
 from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 
@@ -92,13 +93,10 @@ def procrustes_aligned_m(
         centres.append(centre)
         centred.append(np.where(known, filled - centre, 0.0))
     source, target = centred
-    U, singular, Vt = np.linalg.svd(target.swapaxes(1, 2) @ source)
-    sign = np.ones_like(singular)
-    sign[:, 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
-    R = (U * sign[:, None]) @ Vt
+    R, values = nearest_rotation(target.swapaxes(1, 2) @ source)
     spread = (source**2).sum(axis=(1, 2))
     fitted = enough & (spread > 0)
-    scale = np.divide((singular * sign).sum(axis=1), spread, out=np.full(len(spread), np.nan), where=fitted)
+    scale = np.divide(values.sum(axis=1), spread, out=np.full(len(spread), np.nan), where=fitted)
     return scale[:, None, None] * (estimate_m - centres[0]) @ R.swapaxes(1, 2) + centres[1]
 
 

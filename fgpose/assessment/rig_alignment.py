@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.rigid import nearest_rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +48,8 @@ def fitted(
     source, target = points_m[known], target_m[known]
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     source, target = source - source_mean, target - target_mean
-    U, singular, Vt = np.linalg.svd(target.T @ source)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
-    R = (U * sign) @ Vt
-    scale = float((singular * sign).sum() / (source**2).sum()) if with_scale else 1.0
+    R, values = nearest_rotation(target.T @ source)
+    scale = float(values.sum() / (source**2).sum()) if with_scale else 1.0
     return Similarity(scale, R, target_mean - scale * R @ source_mean)
 
 

@@ -22,6 +22,20 @@ def inverse(a_T_b: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
     return pose_of(R.T, -R.T @ a_T_b[:3, 3])
 
 
+def nearest_rotation(
+    matrix: Float[np.ndarray, "*shape 3 3"],
+) -> tuple[Float[np.ndarray, "*shape 3 3"], Float[np.ndarray, "*shape 3"]]:
+    """The rotation R (no reflection) for which the trace of R^T M is largest, and the singular values of M whose sum it
+    is, the last one negative where M mirrors (Kabsch 1976; Umeyama 1991).
+
+    With M = target^T source, of points around their means, R brings the source closest to the target.
+    """
+    U, values, Vt = np.linalg.svd(matrix)
+    sign = np.ones_like(values)
+    sign[..., 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    return (U * sign[..., None, :]) @ Vt, values * sign
+
+
 def check_pose(a_T_b: Float[np.ndarray, "4 4"]) -> None:
     """Raise ValueError unless it is a rotation and a translation."""
     R = a_T_b[:3, :3]

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from fgpose.calibration.board.lenses import FittedLens
 from fgpose.calibration.board.problem import BoardBundle, BoardProblem
 from fgpose.calibration.board.sightings import BoardSightings
-from fgpose.geometry.rigid import inverse, pose_of
+from fgpose.geometry.rigid import inverse, nearest_rotation, pose_of
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -77,8 +77,7 @@ def _relative(
     apart = np.linalg.norm(places[:, None] - places, axis=-1) < _AGREEMENT * distance_m * np.sqrt(2)
     best = int(np.argmax(apart.sum(axis=1)))
     agreeing = candidates[apart[best]]
-    U, _, Vt = np.linalg.svd(agreeing[:, :3, :3].mean(axis=0))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    R, _ = nearest_rotation(agreeing[:, :3, :3].mean(axis=0))
     return int(apart[best].sum()), pose_of(R, agreeing[:, :3, 3].mean(axis=0))
 
 

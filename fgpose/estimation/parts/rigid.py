@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.rigid import nearest_rotation
 from fgpose_factors.robust_statistics import SIGMA_OF_MEDIAN
 
 _ROUNDS = 5  # of aligning all frames with their median shape; the third moves it by less than 0.1 mm
@@ -101,8 +102,7 @@ def _centred(points_m: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point
 def _aligned(
     shape_m: Float[np.ndarray, "point 3"], points_m: Float[np.ndarray, "frame point 3"]
 ) -> tuple[Float[np.ndarray, "frame 3 3"], Float[np.ndarray, "frame 3"]]:
-    """Rotation of a centred shape that fits the points best, and their mean (Kabsch 1976)."""
+    """Rotation of a centred shape that fits the points best, and their mean."""
     centres_m = points_m.mean(axis=1)
-    u, _, vt = np.linalg.svd(np.einsum("tka,kb->tab", points_m - centres_m[:, None], shape_m))
-    u[..., -1] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    return u @ vt, centres_m
+    rotations, _ = nearest_rotation((points_m - centres_m[:, None]).swapaxes(1, 2) @ shape_m)
+    return rotations, centres_m
