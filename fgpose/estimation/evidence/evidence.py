@@ -238,7 +238,32 @@ class Evidence:
         nowhere = nothing[..., None].repeat(3, axis=-1)
         return replace(self, views_m=nowhere, rays=nowhere, depth_sigma_m=nothing)
 
-    def unseen_joint(self, joint: int) -> Evidence:
+    def held(
+        self,
+        joint: int,
+        at_m: Float[np.ndarray, "frame 3"],
+        covariance_m2: Float[np.ndarray, "frame 3 3"],
+        *,
+        instead: bool = False,
+    ) -> Evidence:
+        """With an estimate of one joint from elsewhere, which is its guess where the detections give none.
+
+        Args:
+            joint: its index.
+            at_m: NaN where there is none.
+            covariance_m2: of its errors; those of different frames are taken for independent.
+            instead: of the detections of the joint, which that estimate has used.
+        """
+        if instead:
+            return self._unseen(joint).held(joint, at_m, covariance_m2)
+        known = np.isfinite(at_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-1, -2))
+        held_m, information, guess_m = self.held_m.copy(), self.held_information.copy(), self.guess_m.copy()
+        held_m[known, joint] = at_m[known]
+        information[known, joint] = np.linalg.inv(covariance_m2[known])
+        guess_m[known, joint] = np.where(np.isnan(guess_m[known, joint]), at_m[known], guess_m[known, joint])
+        return replace(self, held_m=held_m, held_information=information, guess_m=guess_m)
+
+    def _unseen(self, joint: int) -> Evidence:
         """As if no camera had detected one joint."""
         nothing = {}
         for name in ("undistorted_px", "fused_m", "guess_m", "views_m", "rays", "depth_sigma_m"):
@@ -248,23 +273,6 @@ class Evidence:
         n_views, anchored = self.n_views.copy(), self.anchored.copy()
         n_views[:, joint], anchored[:, joint] = 0, False
         return replace(self, **nothing, n_views=n_views, anchored=anchored)
-
-    def held(
-        self, joint: int, at_m: Float[np.ndarray, "frame 3"], covariance_m2: Float[np.ndarray, "frame 3 3"]
-    ) -> Evidence:
-        """With an estimate of one joint from elsewhere, which is its guess where the detections give none.
-
-        Args:
-            joint: its index.
-            at_m: NaN where there is none.
-            covariance_m2: of its errors; those of different frames are taken for independent.
-        """
-        known = np.isfinite(at_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-1, -2))
-        held_m, information, guess_m = self.held_m.copy(), self.held_information.copy(), self.guess_m.copy()
-        held_m[known, joint] = at_m[known]
-        information[known, joint] = np.linalg.inv(covariance_m2[known])
-        guess_m[known, joint] = np.where(np.isnan(guess_m[known, joint]), at_m[known], guess_m[known, joint])
-        return replace(self, held_m=held_m, held_information=information, guess_m=guess_m)
 
     def joints(self, joints: Sequence[int]) -> Evidence:
         """Of some of the joints alone, in this order."""

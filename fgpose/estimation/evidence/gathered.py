@@ -44,10 +44,8 @@ class Gathered:
     _config: Config
     _joints: tuple[int, ...] | None = None
     """Of some joints of the observations alone; None: of all."""
-    _unseen: tuple[int, ...] = ()
-    """Joints, of these, whose detections are left out."""
-    _held: tuple[int, np.ndarray, np.ndarray] | None = None
-    """See Evidence.held; of all frames."""
+    _held: tuple[int, np.ndarray, np.ndarray, bool] | None = None
+    """What Evidence.held takes, of all frames."""
     _newest: dict[int, Evidence] = field(default_factory=dict, repr=False)
     """Parts by their first frame, of all joints: windows that overlap ask for the same."""
 
@@ -97,18 +95,10 @@ class Gathered:
             evidence = self._kept_part(start)
             parts.append((evidence if self._joints is None else evidence.joints(self._joints)).frames(own - start))
         found = concatenated(parts)
-        for joint in self._unseen:
-            found = found.unseen_joint(joint)
         if self._held is None:
             return found
-        joint, at_m, covariance_m2 = self._held
-        return found.held(joint, at_m[wanted], covariance_m2[wanted])
-
-    def unseen_joint(self, joint: int) -> Gathered:
-        """See Evidence.unseen_joint."""
-        guess_m, seen, located = self.guess_m.copy(), self._seen.copy(), self._located.copy()
-        guess_m[:, joint], seen[:, joint], located[:, joint] = np.nan, False, False
-        return replace(self, guess_m=guess_m, _seen=seen, _located=located, _unseen=(*self._unseen, joint))
+        joint, at_m, covariance_m2, instead = self._held
+        return found.held(joint, at_m[wanted], covariance_m2[wanted], instead=instead)
 
     def joints(self, joints: Sequence[int]) -> Gathered:
         """See Evidence.joints; of all joints of the observations."""
@@ -117,12 +107,20 @@ class Gathered:
         return replace(self, **of_own, _joints=tuple(own))
 
     def held(
-        self, joint: int, at_m: Float[np.ndarray, "frame 3"], covariance_m2: Float[np.ndarray, "frame 3 3"]
+        self,
+        joint: int,
+        at_m: Float[np.ndarray, "frame 3"],
+        covariance_m2: Float[np.ndarray, "frame 3 3"],
+        *,
+        instead: bool = False,
     ) -> Gathered:
         """See Evidence.held."""
-        guess_m = self.guess_m.copy()
+        guess_m, seen, located = self.guess_m.copy(), self._seen.copy(), self._located.copy()
+        if instead:
+            guess_m[:, joint], seen[:, joint], located[:, joint] = np.nan, False, False
         guess_m[:, joint] = np.where(np.isnan(guess_m[:, joint]), at_m, guess_m[:, joint])
-        return replace(self, guess_m=guess_m, _held=(joint, at_m, covariance_m2))
+        held = joint, at_m, covariance_m2, instead
+        return replace(self, guess_m=guess_m, _seen=seen, _located=located, _held=held)
 
     def _kept_part(self, start: int) -> Evidence:
         if start not in self._newest:

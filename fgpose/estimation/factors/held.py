@@ -20,6 +20,8 @@ class Held(PointPriors):
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[Held]:
+        if not segment.evidence.held_information.any():
+            return
         information = segment.evidence.held_information[:, segment.joints]
         held = segment.active[:, segment.joints] & information.any(axis=(-1, -2))
         if held.any():

@@ -18,7 +18,7 @@ from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.parts.place import alone, apart_m, config_of, place_covariance_m2
-from fgpose.estimation.parts.rigid import RigidSet, of_whole
+from fgpose.estimation.parts.rigid import RigidSet, of_whole, placed
 from fgpose.estimation.parts.whole import of_all_joints, of_all_lengths
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
@@ -64,9 +64,8 @@ def _of_part(
     body_m = body.positions_m[:, held_by]
     body_m2 = np.zeros((len(body_m), 3, 3)) if body.covariance_m2 is None else body.covariance_m2[:, held_by]
     apart = 0.0 if part.is_joined else apart_m(of_part.guess_m[:, joint] - body_m)
-    if part.is_joined:  # the estimate of the body has used its detections
-        of_part = of_part.unseen_joint(joint)
-    of_part = of_part.held(joint, body_m, place_covariance_m2(body_m2, apart, usual_step_s(evidence.time_s)))
+    place_m2 = place_covariance_m2(body_m2, apart, usual_step_s(evidence.time_s))
+    of_part = of_part.held(joint, body_m, place_m2, instead=part.is_joined)
     smoothed = smooth(of_part, own, config=config_of(part, config))
     return _carried(evidence, part, skeleton, smoothed, rig) if part.carried_by else smoothed
 
@@ -77,19 +76,14 @@ def _carried(
     """All points of a rigid set."""
     joints, whole = list(part.joints), evidence.frames(slice(None)).joints(part.joints)
     rigid = RigidSet.of(carriers.positions_m, whole.guess_m, [joints.index(joint) for joint in part.carried_by])
-    shape = carriers.positions_m.shape[0], len(joints), 3
-    positions_m, covariance_m2 = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
-    if rigid is not None:
-        unknown_m2 = np.zeros((*carriers.positions_m.shape, 3))
-        stated_m2 = carriers.covariance_m2 if carriers.covariance_m2 is not None else unknown_m2
-        positions_m, covariance_m2 = rigid.placed(carriers.positions_m, stated_m2)
+    positions_m, covariance_m2 = placed(rigid, carriers.positions_m, carriers.covariance_m2, len(joints))
     assert carriers.visibility is not None
     return Trajectory(
         skeleton=skeleton.of_joints(part.joints, carriers.skeleton.name, part.hangs_on[1]),
         time_s=carriers.time_s,
         positions_m=positions_m,
         status=joint_status(np.asarray(np.isfinite(positions_m).all(axis=-1)), whole.observed),
-        covariance_m2=None if carriers.covariance_m2 is None else covariance_m2,
+        covariance_m2=covariance_m2,
         residual_px=reprojection_residual_px(whole.undistorted_px, rig, positions_m),
         camera_names=carriers.camera_names,
         convergence=carriers.convergence,

@@ -16,7 +16,7 @@ from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.parts.holder import Holder
 from fgpose.estimation.parts.part_estimator import PartEstimator
 from fgpose.estimation.parts.place import alone, config_of
-from fgpose.estimation.parts.rigid import RigidSet, of_whole
+from fgpose.estimation.parts.rigid import RigidSet, of_whole, placed
 from fgpose.estimation.parts.whole import of_all_joints, of_all_lengths
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
@@ -86,11 +86,9 @@ class HungPart:
         return replace(self._points(carriers, self._seen), smoothed=smoothed)
 
     def _points(self, carriers: Estimate, seen: Evidence | None) -> Estimate:
-        n_points, covariance_m2 = self._skeleton.n_joints, carriers.covariance_m2
-        positions_m, all_m2 = np.full((n_points, 3), np.nan), np.full((n_points, 3, 3), np.nan)
-        if self._rigid is not None:
-            stated_m2 = np.zeros((*carriers.positions_m.shape, 3)) if covariance_m2 is None else covariance_m2
-            (positions_m,), (all_m2,) = self._rigid.placed(carriers.positions_m[None], stated_m2[None])
+        n_points, stated_m2 = self._skeleton.n_joints, carriers.covariance_m2
+        of_frame = carriers.positions_m[None], None if stated_m2 is None else stated_m2[None]
+        (positions_m,), covariance_m2 = placed(self._rigid, *of_frame, n_points)
         active = np.asarray(np.isfinite(positions_m).all(axis=-1))
         is_observed = (carriers.status == carriers.status.max()).all()
         observed = np.full(n_points, is_observed) if seen is None else seen.observed[0]
@@ -103,7 +101,7 @@ class HungPart:
             skeleton=self._skeleton,
             positions_m=positions_m,
             status=joint_status(active, observed),
-            covariance_m2=None if covariance_m2 is None else all_m2,
+            covariance_m2=None if covariance_m2 is None else covariance_m2[0],
             residual_px=residual_px,
             visibility=visibility,
             bone_lengths=None,

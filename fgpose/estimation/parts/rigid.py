@@ -88,6 +88,21 @@ class RigidSet:
         return positions_m, covariances_m2
 
 
+def placed(
+    rigid: RigidSet | None,
+    carriers_m: Float[np.ndarray, "frame carrier 3"],
+    covariance_m2: Float[np.ndarray, "frame carrier 3 3"] | None,
+    n_points: int,
+) -> tuple[Float[np.ndarray, "frame point 3"], Float[np.ndarray, "frame point 3 3"] | None]:
+    """As RigidSet.placed; NaN of a set that is not known, and without covariances if the carriers have none."""
+    if rigid is None:
+        nowhere_m = np.full((len(carriers_m), n_points, 3), np.nan)
+        return nowhere_m, None if covariance_m2 is None else np.full((*nowhere_m.shape, 3), np.nan)
+    stated_m2 = np.zeros((*carriers_m.shape, 3)) if covariance_m2 is None else covariance_m2
+    positions_m, all_m2 = rigid.placed(carriers_m, stated_m2)
+    return positions_m, None if covariance_m2 is None else all_m2
+
+
 def of_whole(visibility: Float[np.ndarray, "*views carrier"]) -> Float[np.ndarray, "*views 1"]:
     """Of a set, which a view shows as a whole or not at all: the mean of the carriers that it detects; 0: none."""
     detected = np.isfinite(visibility)
