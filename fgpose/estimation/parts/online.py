@@ -12,6 +12,7 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather_frame
+from fgpose.estimation.online.arrivals import with_image
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.parts.holder import Holder
 from fgpose.estimation.parts.part_estimator import PartEstimator
@@ -22,7 +23,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
 from fgpose.skeleton import BodyPart, Skeleton
-from fgpose.trajectory import Estimate, joint_status
+from fgpose.trajectory import Estimate, Status, joint_status
 
 _SHAPE_FRAMES = 60  # the last ones that tell the shape of a rigid set
 _SHAPE_EVERY_S = 0.1  # one of so many is kept
@@ -47,6 +48,8 @@ class HungPart:
         self._holder = Holder(own.root[0], skeleton.body.index(part.hangs_on[0]), is_same=part.is_joined)
         self.estimator = PartEstimator(rig, own, config_of(part, config), offsets, self._holder)
         self._rigid: RigidSet | None = None
+        self._frame = -1
+        self._images: Observations | None = None  # of that frame, as far as they have come
         self._seen: Evidence | None = None
         self._shapes: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=_SHAPE_FRAMES)
         self._shaped_s = -np.inf
@@ -58,7 +61,7 @@ class HungPart:
         if self.part.is_joined:  # the estimate of the body has used the detections of the joint on which it hangs
             own = own.without_joint(self.estimator.skeleton.root[0])
         estimate = self.estimator.take(own, taken_s)
-        return self._carried(estimate, images) if self.part.carried_by else estimate
+        return self._carried(estimate, images, taken_s) if self.part.carried_by else estimate
 
     @property
     def newest(self) -> Estimate:
@@ -67,17 +70,30 @@ class HungPart:
         assert estimate is not None  # it has taken all images that the body has
         return self._placed(estimate) if self.part.carried_by else estimate
 
-    def _carried(self, carriers: Estimate, images: Observations) -> Estimate:
+    def _carried(self, carriers: Estimate, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         own = images.of_joints(self._skeleton, self.part.joints)
+        if self._images is None or carriers.frame != self._frame:
+            self._frame, self._images = carriers.frame, own
+        else:
+            # An image of an older frame is none of the newest.
+            self._images = with_image(self._images, own, taken_s == self.estimator.newest_images_s)
         said = np.ones((1, self._skeleton.n_joints))
-        self._seen, _ = gather_frame(own, self._rig, self._config, said, may_leave_out=False)
-        if carriers.time_s >= self._shaped_s + _SHAPE_EVERY_S and np.isfinite(carriers.positions_m).all():
-            self._shaped_s = carriers.time_s
-            self._shapes.append((carriers.positions_m, self._seen.guess_m[0]))
-            carriers_m, points_m = (np.array(each) for each in zip(*self._shapes, strict=True))
-            carried_by = [self.part.joints.index(joint) for joint in self.part.carried_by]
-            self._rigid = RigidSet.of(carriers_m, points_m, carried_by)
+        self._seen, _ = gather_frame(self._images, self._rig, self._config, said, may_leave_out=False)
+        if np.isfinite(carriers.positions_m).all():
+            self._learn_shape(carriers, self._seen.guess_m[0])
         return self._placed(carriers)
+
+    def _learn_shape(self, carriers: Estimate, points_m: Float[np.ndarray, "point 3"]) -> None:
+        """From a frame, again when another image of it has come."""
+        if self._shapes and carriers.time_s == self._shaped_s:
+            self._shapes.pop()
+        elif carriers.time_s < self._shaped_s + _SHAPE_EVERY_S:
+            return
+        self._shaped_s = carriers.time_s
+        self._shapes.append((carriers.positions_m, points_m))
+        carriers_m, all_points_m = (np.array(each) for each in zip(*self._shapes, strict=True))
+        carried_by = [self.part.joints.index(joint) for joint in self.part.carried_by]
+        self._rigid = RigidSet.of(carriers_m, all_points_m, carried_by)
 
     def _placed(self, carriers: Estimate) -> Estimate:
         """All points of the rigid set, where its carriers put them."""
@@ -90,7 +106,7 @@ class HungPart:
         of_frame = carriers.positions_m[None], None if stated_m2 is None else stated_m2[None]
         (positions_m,), covariance_m2 = placed(self._rigid, *of_frame, n_points)
         active = np.asarray(np.isfinite(positions_m).all(axis=-1))
-        is_observed = (carriers.status == carriers.status.max()).all()
+        is_observed = bool((carriers.status == Status.OBSERVED).all())
         observed = np.full(n_points, is_observed) if seen is None else seen.observed[0]
         residual_px, visibility = None, None
         if seen is not None and carriers.visibility is not None:

@@ -97,6 +97,11 @@ class PartEstimator:
         return self._window[-1].at.time_s if len(self._window) else -np.inf
 
     @property
+    def newest_images_s(self) -> Float[np.ndarray, " camera"]:
+        """When each camera took its image of the newest frame; NaN: it has not come."""
+        return self._window[-1].image_time_s
+
+    @property
     def offsets(self) -> RunningOffsets:
         """What is learned of the cameras' time offsets, to be shared."""
         return self._offsets

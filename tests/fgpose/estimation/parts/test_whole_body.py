@@ -214,9 +214,27 @@ def test_isam2_and_the_images_of_single_cameras(scene: Scene, skeleton: Skeleton
     estimate = estimator.newest
     assert estimate is not None
     assert estimate.frame == 11
+    # Each camera's image came alone; the frame is what they all saw.
+    assert (estimate.status == Status.OBSERVED).all()
+    assert estimate.residual_px is not None
+    np.testing.assert_array_equal(np.isfinite(estimate.residual_px), observations.seen[11])
     assert np.nanmean(np.linalg.norm(estimate.positions_m - scene.truth_m[11], axis=-1)) < 0.02
     with pytest.raises(TypeError, match="iSAM2 has no serialisation"):
         pickle.dumps(estimator)
+
+
+def test_a_face_that_no_camera_sees_any_more_is_predicted(scene: Scene, skeleton: Skeleton):
+    """One lag later too."""
+    face = next(list(part.joints) for part in skeleton.parts if part.name == "face")
+    points2d_px = scene.observations.points2d_px.copy()
+    points2d_px[15:, :, face] = np.nan
+    hidden = replace(scene, observations=replace(scene.observations, points2d_px=points2d_px))
+    config = fgpose.Config(online={"solver": "window", "lag_s": 0.2})
+    last = run(fgpose.Estimator(scene.rig, skeleton, config), hidden, range(30))[-1]
+    assert last.smoothed is not None
+    assert last.smoothed.frame >= 18
+    for estimate in (last, last.smoothed):
+        assert (estimate.status[face] == Status.PREDICTED).all()
 
 
 def test_known_lengths_of_hands_are_expected(scene: Scene, skeleton: Skeleton):
