@@ -142,14 +142,14 @@ def absent(seen: EstimatorInput, seed: int) -> EstimatorInput:
     """A camera that sees nothing in the first 55 % of the time: a little more than half."""
     hidden = np.zeros(seen.observations.seen.shape, dtype=bool)
     hidden[: round(0.55 * len(hidden)), faulty(seed)] = True
-    return EstimatorInput(_without(seen.observations, hidden), seen.rig, RING.names[faulty(seed)])
+    return EstimatorInput(seen.observations.without(hidden), seen.rig, RING.names[faulty(seed)])
 
 
 def hidden_joint(seen: EstimatorInput) -> EstimatorInput:
     """A wrist that nobody sees for 3 s."""
     hidden = np.zeros(seen.observations.seen.shape, dtype=bool)
     hidden[_during(seen.observations, 3.0), :, seen.observations.skeleton.index("left_wrist")] = True
-    return EstimatorInput(_without(seen.observations, hidden), seen.rig)
+    return EstimatorInput(seen.observations.without(hidden), seen.rig)
 
 
 def wrong_rate(seen: EstimatorInput, factor: float) -> EstimatorInput:
@@ -202,13 +202,6 @@ def _with_points(
     seen: EstimatorInput, points_px: Float[np.ndarray, "frame camera joint 2"], camera: str = ""
 ) -> EstimatorInput:
     return EstimatorInput(replace(seen.observations, points2d_px=points_px), seen.rig, camera)
-
-
-def _without(observations: Observations, hidden: Bool[np.ndarray, "frame camera joint"]) -> Observations:
-    def blanked(array: np.ndarray) -> np.ndarray:
-        return np.where(hidden.reshape(hidden.shape + (1,) * (array.ndim - 3)), np.nan, array)
-
-    return replace(observations, **observations.per_detection(blanked))
 
 
 Recordings = Callable[[str, int], EstimatorInput]

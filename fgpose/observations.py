@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -177,15 +177,12 @@ class Observations(Shown):
         """Some of the frames, as a recording of its own. Raises ValueError when there is none."""
         if not len(self.time_s[frames]):
             raise ValueError(f"no frame is left: {frames} of {self.n_frames} frames")
+        return self._part(time_s=self.time_s[frames], **self.per_detection(lambda array: array[frames]))
+
+    def _part(self, **changed: Any) -> Observations:
         # Not replace(): what was checked as a whole is not checked again, frame by frame, in a live loop.
         part = object.__new__(Observations)
-        part._store(
-            skeleton=self.skeleton,
-            camera_names=self.camera_names,
-            time_s=self.time_s[frames],
-            remarks=self.remarks,
-            **self.per_detection(lambda array: array[frames]),
-        )
+        part._store(**{each.name: getattr(self, each.name) for each in fields(self)} | changed)
         return part
 
     def crop(self, begin_s: float, end_s: float) -> Observations:
@@ -204,19 +201,16 @@ class Observations(Shown):
     def confident(self, least: float) -> Observations:
         """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
         check_confidence(least)
-        too_low = self.confidence < least
-        return self if not too_low.any() else replace(self, **self.per_detection(lambda array: blanked(array, too_low)))
+        return self.without(self.confidence < least)
+
+    def without(self, where: Bool[np.ndarray, "frame camera joint"]) -> Observations:
+        """Without the detections there."""
+        return self._part(**self.per_detection(lambda array: blanked(array, where))) if where.any() else self
 
     def of_joints(self, skeleton: Skeleton, joints: Sequence[int]) -> Observations:
         """Some of the joints, in this order, as the joints of another skeleton (Skeleton.of_joints)."""
         chosen = list(joints)
-        return replace(self, skeleton=skeleton, **self.per_detection(lambda array: array[:, :, chosen]))
-
-    def without_joint(self, joint: int) -> Observations:
-        """As if no camera had detected one joint."""
-        detected = np.zeros(self.confidence.shape, dtype=bool)
-        detected[:, :, joint] = True
-        return replace(self, **self.per_detection(lambda array: blanked(array, detected)))
+        return self._part(skeleton=skeleton, **self.per_detection(lambda array: array[:, :, chosen]))
 
     def subset(self, camera_names: tuple[str, ...] | list[str]) -> Observations:
         """Some of the cameras, in the order given. Raises ValueError for an unknown name."""

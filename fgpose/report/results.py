@@ -109,8 +109,7 @@ def load_finished(
     Args:
         result: file of the trajectories.
         title: how the recording is called, by default as the file.
-        rig: file of the calibration; by default the one that the result says it was made with, else the
-            one that a run wrote beside it.
+        rig: file of the calibration; by default that which the result was made with, else one beside it.
         keypoints: what the cameras saw; by default what the result says it was made from, if that is still there.
         fps: of the keypoints, if their file has no times, and of folders of images.
         videos: folder of the videos; by default as of the keypoints.

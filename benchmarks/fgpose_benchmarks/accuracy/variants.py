@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.geometry.camera import Camera, CameraRig
@@ -86,11 +86,11 @@ def record(variant: Variant, clip: str, max_frames: int = MAX_FRAMES) -> Benchma
     kept = rig.names[: variant.n_cameras]
     scene, on_time = seen(offsets_s), seen(np.zeros(rig.n_cameras))
     hidden = on_time.occluded | away[..., None]
-    known = _without(on_time.observations, hidden)
+    known = on_time.observations.without(hidden)
     if variant.network is not None:
         read = as_read(scene.observations, true_rig, variant.network, _seed(clip, "stature"))
         scene = replace(scene, observations=read)
-    delivered = _without(moved_with_cameras(scene.observations, true_rig, rig), away[..., None] | np.zeros_like(hidden))
+    delivered = moved_with_cameras(scene.observations, true_rig, rig).without(away[..., None] | np.zeros_like(hidden))
     return BenchmarkRecording(
         clip=clip,
         variant=variant.name,
@@ -191,12 +191,3 @@ def _lost_frames(n_frames: int, fps: float, rng: np.random.Generator) -> slice:
     count = round(min(_LOST_S * fps, _MAX_LOST_SHARE * n_frames))
     start = int(rng.integers(n_frames - count + 1))
     return slice(start, start + count)
-
-
-def _without(observations: Observations, hidden: Bool[np.ndarray, "frame camera joint"]) -> Observations:
-    """The observations without some of the detections."""
-
-    def blanked(array: np.ndarray) -> np.ndarray:
-        return np.where(hidden.reshape(hidden.shape + (1,) * (array.ndim - 3)), np.nan, array)
-
-    return replace(observations, **observations.per_detection(blanked))

@@ -14,7 +14,7 @@ from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.hypotheses.consistency import SPREAD_M
 from fgpose.diagnosis.hypotheses.scene import limb_joints
 from fgpose.finding import Code, Finding, Severity
-from fgpose.observations import Observations, blanked
+from fgpose.observations import Observations
 from fgpose.sampling import frames_per_second
 from fgpose_factors.robust_statistics import robust_sigma
 
@@ -71,18 +71,12 @@ def zero_keypoints(examined: Examined) -> list[Finding]:
 def zeros_as_missing(examined: Examined) -> Examined:
     """As if missing joints had been given as missing: what is looked at is what was seen."""
     zero = _zero(examined.people)
-    people = {person: _blanked(seen, zero[person]) for person, seen in examined.people.items()}
+    people = {person: seen.without(zero[person]) for person, seen in examined.people.items()}
     return replace(examined, people=people)
 
 
 def _zero(people: Mapping[int, Observations]) -> dict[int, Bool[np.ndarray, "frame camera joint"]]:
     return {person: np.asarray((seen.points2d_px == 0).all(axis=-1)) for person, seen in people.items()}
-
-
-def _blanked(seen: Observations, zero: Bool[np.ndarray, "frame camera joint"]) -> Observations:
-    if not zero.any():
-        return seen
-    return replace(seen, **seen.per_detection(lambda array: blanked(array, zero)))
 
 
 def low_confidence(examined: Examined) -> list[Finding]:

@@ -59,7 +59,8 @@ class HungPart:
         self._holder.take(body)
         own = images.of_joints(self.estimator.skeleton, self.part.estimated)
         if self.part.is_joined:  # the estimate of the body has used the detections of the joint on which it hangs
-            own = own.without_joint(self.estimator.skeleton.root[0])
+            is_held = np.arange(own.skeleton.n_joints) == own.skeleton.root[0]
+            own = own.without(np.broadcast_to(is_held, own.confidence.shape))
         estimate = self.estimator.take(own, taken_s)
         return self._carried(estimate, images, taken_s) if self.part.carried_by else estimate
 

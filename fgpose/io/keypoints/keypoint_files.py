@@ -71,14 +71,12 @@ def load_observations(
     Args:
         path: the folder or file.
         rig: the cameras; the result has them in this order.
-        skeleton: what the keypoints are: a built-in skeleton, a TOML file or a Skeleton; None: as the files say
-            (fgpose.io.skeletons.stated).
+        skeleton: a built-in one, a TOML file or a Skeleton; None: as the files say (fgpose.io.skeletons.stated).
         fps: frames per second; needed for every format but our own, whose files contain times. Frame n is at n / fps.
         person: of several people, consistent takes the one who is seen most, as views and frames agree; a number
             takes that entry of every image; a region takes the person who is in it.
-        points3d_frame: frame of the 3D joints of MeTRAbs: of each camera, or of the world if it was given extrinsics.
-            Of other networks it is found, and so is the unit.
-        points3d_unit: their unit.
+        points3d_frame, points3d_unit: of the 3D joints of MeTRAbs: the frame of each camera, or of the world if it was
+            given extrinsics. Of other networks both are found.
         ignore_other_cameras: whether there may be keypoints of cameras that the rig lacks.
 
     Raises:
@@ -90,8 +88,7 @@ def load_observations(
     Warns:
         UserWarning: something was changed or left out to read the files; the result has it as remarks.
     """
-    path = Path(path)
-    _check_person(path, person)
+    _check_person(Path(path), person)
     seen = load_recording(
         path,
         rig,
@@ -101,7 +98,7 @@ def load_observations(
         points3d_unit=points3d_unit,
         ignore_other_cameras=ignore_other_cameras,
     )
-    return seen if isinstance(seen, Observations) else _person_of(path, seen, rig, person)
+    return seen if isinstance(seen, Observations) else _person_of(Path(path), seen, rig, person)
 
 
 def load_people(
