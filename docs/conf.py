@@ -61,6 +61,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 # Files outside docs/ are included as they are. Their links lead from where they lie to what is on the site.
 _LINKS = {
     "](docs/": "](../",
+    "](../docs/": "](../",
     "](calibration/report.md": "](calibration.md",
     "](calibration/ablation.md": "](calibration_ablation.md",
 }
