@@ -49,6 +49,7 @@ def test_no_distance_is_too_large_in_an_hour_of_faults_of_every_kind(
     assert result.availability >= 0.995 or not result.n_calm
 
 
+@pytest.mark.slow
 def test_a_storm_is_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is simulated now and what was before are the same as all at once; other seeds are added."""
     monkeypatch.setattr(live_storm, "SESSION_S", 30.0)

@@ -54,6 +54,7 @@ def growth(work: Callable[[Observations], object], recording: Observations) -> f
     return (peaks[1] - peaks[0]) / (LONG - SHORT) / of_frame
 
 
+@pytest.mark.slow
 def test_a_file_of_one_person_is_read_into_the_arrays_of_the_recording(
     recording: Observations, rig: CameraRig, tmp_path: Path
 ) -> None:
@@ -70,6 +71,7 @@ def test_a_file_of_one_person_is_read_into_the_arrays_of_the_recording(
     assert growth(load, recording) < 2.0
 
 
+@pytest.mark.slow
 def test_evidence_of_a_long_recording_is_made_where_it_is_needed(
     recording: Observations, rig: CameraRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

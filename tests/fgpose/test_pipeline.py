@@ -437,6 +437,7 @@ def test_a_refinement_that_leaves_nothing_to_hold_the_world_is_said(
     assert ["3 of 4 cameras were moved by the refinement, by about 10 cm" in each for each in found] == [True] * said
 
 
+@pytest.mark.slow
 def test_failures_of_gtsam_are_said_where_there_were_some(
     source: Source[Observations], tracked: Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -76,6 +76,7 @@ def test_a_wrong_size_shows_in_what_is_metric_alone(recording: KnownRigRecording
     assert scored.position_sigmas == ()
 
 
+@pytest.mark.slow
 def test_a_turned_camera_is_a_failure_beyond_five_degrees(recording: KnownRigRecording):
     right, between, failed = (
         score_calibration(recording, result(turned(recording.rig, 1, angle), stated(4)), OURS)

@@ -210,6 +210,7 @@ def test_two_processes_give_what_one_gives(tmp_path):
     assert numbers(run(every, chosen, tmp_path, n_workers=0)) == numbers(parallel)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_an_error(three):
     with pytest.raises(OSError, match="a worker was killed"):
         run(three[:1], [Method("too large", "file", end_worker)], None, n_workers=1)

@@ -51,6 +51,7 @@ def test_starts_are_found_to_a_fraction_of_an_image(clip: str, seconds: float) -
     assert (np.abs(errors_s[1:]) < 3 * found.sigma_s[1:]).all()
 
 
+@pytest.mark.slow
 def test_poses_stay_and_minutes_do_not_matter() -> None:
     scene = filmed("cmu_03_03_b", 8.0)
     rig = scene.rig
@@ -63,6 +64,7 @@ def test_poses_stay_and_minutes_do_not_matter() -> None:
         np.testing.assert_array_equal(camera.K, given.K)
 
 
+@pytest.mark.slow
 def test_a_camera_that_filmed_something_else_is_left_out() -> None:
     scene, other = filmed("cmu_02_05", 15.0), filmed("cmu_03_03_b", 8.0)
     images = [each for each in scene.observations.images if each.camera != "ring_3"]
@@ -74,6 +76,7 @@ def test_a_camera_that_filmed_something_else_is_left_out() -> None:
     assert "cut the recordings" in found.findings[0].remedy
 
 
+@pytest.mark.slow
 def test_nobody_who_moves_gives_no_start() -> None:
     scene = filmed("cmu_02_05", 15.0, still=True)
     with pytest.raises(ValueError, match=r"not found when the cameras began: .*ring_0.*hardly moves"):

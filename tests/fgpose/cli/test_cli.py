@@ -194,6 +194,7 @@ def test_the_starts_of_cameras_stay_in_the_calibration_that_is_written(tmp_path:
     np.testing.assert_allclose(written.time_offsets_s, starts_s, atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_recording_can_be_used_again_with_the_calibration_that_was_written(
     walking_scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -317,6 +318,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
     np.testing.assert_array_equal(resumed.positions_m, whole.positions_m)
 
 
+@pytest.mark.slow
 def test_a_part_of_what_the_viewer_shows_by_some_frames(
     source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -591,6 +593,7 @@ def test_ctrl_c_leaves_what_was_there(
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"made by fgpose smooth before"]
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path) -> None:
     """Piped into a file, with a locale that knows ASCII only."""
     environment = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}

@@ -132,6 +132,7 @@ def test_videos_that_were_started_by_hand(tmp_path: Path, capsys: pytest.Capture
     np.testing.assert_array_equal(rig.time_offsets_s, 0.0)
 
 
+@pytest.mark.slow
 def test_a_failed_calibration_writes_no_rig(
     filmed: tuple[Path, fgpose.CameraRig],
     tmp_path: Path,

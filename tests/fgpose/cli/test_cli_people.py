@@ -92,6 +92,7 @@ def test_smooth_writes_everybody(
     assert "person 1 confirmed: " in printed
 
 
+@pytest.mark.slow
 def test_people_seen_by_late_cameras_are_written(scene: CrowdScene, tmp_path: Path) -> None:
     """Their frames have the mean time of their images, 5 ms after the stamps."""
     rig = scene.rig.with_time_offsets(np.array([0.0, 0.005, 0.01]))
@@ -122,6 +123,7 @@ def test_track_writes_the_newest_and_the_lagged(
     assert "ms" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_track_shows_every_update_live(source: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As the file of a run that is interrupted tells: all updates before."""
     update, n_updates = Tracker.update, 0
@@ -191,6 +193,7 @@ def test_one_person_among_false_detections_has_the_files_of_one(
     assert f"wrote {out / 'room.trc'}" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_track_of_less_than_the_lag_has_nothing_lagged(source: list[str], tmp_path: Path) -> None:
     arguments = ["track", *source, *FAST, "--online.lag-s", "1", "--frames", "20", "--formats", "parquet"]
     assert main([*arguments, "-o", str(tmp_path)]) == 0

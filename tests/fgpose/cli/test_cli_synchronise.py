@@ -47,6 +47,7 @@ def test_the_starts_are_printed_and_written(
     np.testing.assert_allclose(offsets_s, true.time_offsets_s - true.time_offsets_s[0], atol=15e-3)
 
 
+@pytest.mark.slow
 def test_some_cameras_are_enough(take: tuple[Path, CameraRig], tmp_path: Path) -> None:
     folder, _ = take
     assert (
@@ -61,6 +62,7 @@ def test_an_input_is_not_replaced(take: tuple[Path, CameraRig], capsys: pytest.C
     assert "would replace an input" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_camera_that_sees_nobody_is_said(
     take: tuple[Path, CameraRig], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

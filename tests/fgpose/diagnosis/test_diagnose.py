@@ -39,6 +39,7 @@ def test_a_short_recording_tells_nothing_of_what_changes(walking_scene: Scene) -
     }
 
 
+@pytest.mark.slow
 def test_a_short_recording_advises_no_refinement_that_is_refused(walking_scene: Scene) -> None:
     rig = walking_scene.rig.subset(walking_scene.rig.names[:3])
     short, name = walking_scene.observations.subset(rig.names).frames(slice(0, 60)), rig.names[1]

@@ -114,6 +114,7 @@ def test_whether_to_exchange_sides_of_mirrored_images_is_told_by_the_body(n_came
     assert ("with left and right as they are on the body" in text) == (not by_look)
 
 
+@pytest.mark.slow
 def test_a_view_that_is_mirrored(seen: Observations, rig: CameraRig) -> None:
     finding = only(changed(seen, mirrored, (1,)), rig)
     assert (finding.code, finding.camera) == (Code.MIRRORED_IMAGE, "cam2")
@@ -191,6 +192,7 @@ def test_poses_in_another_convention(n_cameras: int, pose, words: str) -> None:
     assert words in finding.reason
 
 
+@pytest.mark.slow
 def test_one_pose_in_another_convention() -> None:
     rig = room(3, seed=5)
     cameras = list(rig.cameras)

@@ -25,6 +25,7 @@ def without_centre(rig: CameraRig, cameras: tuple[int, ...]) -> CameraRig:
     return CameraRig(tuple(own))
 
 
+@pytest.mark.slow
 def test_a_principal_point_that_was_left_out() -> None:
     rig = room(3)
     seen = recorded(rig)

@@ -100,7 +100,9 @@ def test_a_camera_that_was_bumped_is_not_blind(seen, rig) -> None:
     assert blind(Examined.of(pieces, in_pieces)) == []
 
 
-@pytest.mark.parametrize(("cameras", "severity"), [((1,), Severity.DOUBTFUL), ((0, 1), Severity.WRONG)])
+@pytest.mark.parametrize(
+    ("cameras", "severity"), [((1,), Severity.DOUBTFUL), pytest.param((0, 1), Severity.WRONG, marks=pytest.mark.slow)]
+)
 def test_somebody_else_now_and_then(cameras: tuple[int, ...], severity: Severity) -> None:
     """One camera is outvoted; of two against two it is not told who is right."""
     rig = room(4)
@@ -156,6 +158,7 @@ def test_missing_joints_that_are_written_as_zero(seen, rig) -> None:
     assert finding.numbers["share"] == pytest.approx(2 / SKELETON.n_joints, rel=0.05)  # but for what is not detected
 
 
+@pytest.mark.slow
 def test_what_is_zero_by_chance_is_no_cause_of_anything_else(seen, rig) -> None:
     """A third of all: rays through the corner, of a camera that looks moved."""
     zero = np.random.default_rng(0).random(seen.confidence.shape) < 0.3

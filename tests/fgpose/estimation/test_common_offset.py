@@ -37,6 +37,7 @@ def test_a_common_offset_changes_nothing_in_batch(
     np.testing.assert_allclose(late.time_s, on_time.time_s + LATE_S, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_common_offset_changes_nothing_online(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """Nor in the offsets that are learned from 0.5 s on."""
     scene = walk(rig, skeleton, OFFSETS_S, 30)
@@ -87,6 +88,7 @@ def test_a_common_offset_changes_nothing_for_a_tracker(rig: fgpose.CameraRig, sk
     assert late.estimate.time_s == pytest.approx(on_time.estimate.time_s + LATE_S, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("offsets_s", "kept"),
     [

@@ -452,6 +452,7 @@ def test_a_new_estimator_settles_within_a_second(mocap_clear: Scene, rig: fgpose
     assert np.median(np.linalg.norm(new.positions_m - old.positions_m, axis=-1)) < 6e-3
 
 
+@pytest.mark.slow
 def test_somebody_whose_bones_are_known_is_right_sooner(mocap_scene: Scene, rig: fgpose.CameraRig) -> None:
     """Two occluded cameras; the lengths are those that an estimator before has learned."""
     rig = rig.subset(rig.names[:2])

@@ -151,6 +151,7 @@ def test_estimated_bone_lengths(long_scene: Scene, rig: fgpose.CameraRig, skelet
     assert np.max(np.abs(lengths_m - true_m)) < 0.012
 
 
+@pytest.mark.slow
 def test_a_limb_mirrored_in_one_of_two_views_does_not_stretch_the_bones_of_windows(
     long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:

@@ -186,6 +186,7 @@ def test_files_of_earlier_versions_have_the_names_of_the_joints(tmp_path: Path) 
         stated_skeleton(path)
 
 
+@pytest.mark.slow
 def test_commands_need_no_skeleton(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig, observations = fgpose.files.load_recording("balance_openpose")
     save_rig(rig, tmp_path / "Calib.toml")

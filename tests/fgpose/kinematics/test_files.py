@@ -166,7 +166,7 @@ def test_nobody_is_no_bvh(walk: Trajectory, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("world_up", ["z", "y"])
+@pytest.mark.parametrize("world_up", ["z", pytest.param("y", marks=pytest.mark.slow)])
 def test_rotations_stand_beside_the_points_in_c3d(world_up, tmp_path: Path) -> None:
     ezc3d = pytest.importorskip("ezc3d")
     rng = np.random.default_rng(3)

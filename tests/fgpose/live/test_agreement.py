@@ -269,6 +269,7 @@ def test_a_clock_that_becomes_wrong_accuses_nobody_else(n_cameras: int) -> None:
     assert "it sees people where they were 0." in reason
 
 
+@pytest.mark.slow
 def test_who_may_be_the_one_is_named_too_where_it_cannot_be_told() -> None:
     """For two seconds the person walks so that the third camera agrees with either."""
     said = said_when_wrong(scene(3, rate_hz=12.0, duration_s=10.0, seed=4), 5.0)

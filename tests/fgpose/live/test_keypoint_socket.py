@@ -313,6 +313,7 @@ def test_one_camera_alone_can_be_received() -> None:
     assert decode_keypoints(message(), rig, SKELETON).camera == CAMERA.name
 
 
+@pytest.mark.slow
 def test_a_second_sender_under_the_name_of_a_camera_is_refused(
     receiver: KeypointSocket, detector: zmq.Socket[bytes], clock: Clock
 ) -> None:

@@ -130,6 +130,7 @@ def test_nobody_is_said_too():
     assert frame.observed_share > 0.9
 
 
+@pytest.mark.slow
 def test_a_late_image_is_used_within_the_lag_and_counted_beyond():
     live, images = tracking(), list(scene().observations.images)
     held = [image for image in images if image.camera == "ring_0"]

@@ -236,10 +236,10 @@ def failing_once(method: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-SLOW_STEPS = [pytest.param(step, marks=pytest.mark.slow) for step in ("look", "tidy", "take")]
+SLOW_STEPS = [pytest.param(step, marks=pytest.mark.slow) for step in ("frame", "statuses", "look", "tidy", "take")]
 
 
-@pytest.mark.parametrize("step", ["add", "frame", "statuses", *SLOW_STEPS])
+@pytest.mark.parametrize("step", ["add", *SLOW_STEPS])
 def test_the_system_goes_on_when_a_step_fails(step: str, caplog: pytest.LogCaptureFixture) -> None:
     run = Run(step)
     assert run.restarts == {"tracking": 1}
@@ -286,6 +286,7 @@ def test_while_the_tracker_hangs_frames_say_what_was_known() -> None:
     assert later[-1].time_s > hung[-1].time_s or not later[-1].people
 
 
+@pytest.mark.slow
 def test_outputs_and_observers_that_fail_keep_nobody_from_what_is_said() -> None:
     run = Run(output=Mock(side_effect=OSError("disk")), observer=Mock(side_effect=ValueError("strange")))
     assert run.restarts.keys() == {"an output", "an observer"}

@@ -49,6 +49,7 @@ def test_the_suspicions_are_printed(
     assert (tmp_path / "second.html").is_file()
 
 
+@pytest.mark.slow
 def test_a_file_can_be_named(walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     written(other_camera(walk), tmp_path)
     assert main(["report", str(tmp_path / "out" / "walk.parquet")]) == 0

@@ -78,6 +78,7 @@ def test_a_report_has_all_sections_and_loads_nothing(walk: FinishedRecording, tm
     assert all(json.loads(text)["doc"] and f'id="{target}"' in page for target, text in data)
 
 
+@pytest.mark.slow
 def test_names_are_texts_and_not_programs(walk: FinishedRecording, tmp_path: Path) -> None:
     bad = "</script><img src=x onerror=alert(1)>"
     rig = walk.rig
@@ -185,6 +186,7 @@ def test_maps_that_say_nothing_are_folded_with_a_line_that_says_so(walk: Finishe
     assert not any("over time" in title for title in of_unsure)
 
 
+@pytest.mark.slow
 def test_what_is_shown_first_is_short(walk: FinishedRecording) -> None:
     made = sections(walk)
     assert [section.anchor for section in made[:2]] == ["worst", "seen"]
@@ -204,6 +206,7 @@ def test_what_is_shown_first_is_short(walk: FinishedRecording) -> None:
             assert f"<details><summary>{title}</summary>" in page.replace("&#39;", "'")
 
 
+@pytest.mark.slow
 def test_figures_over_time_have_one_axis(walk: FinishedRecording) -> None:
     late = replace(walk.main, time_s=walk.main.time_s + 5)
     recording = replace(walk, people={0: walk.main, 1: late}, observations={})

@@ -147,6 +147,7 @@ def test_the_data_set_opens_as_one_table(
     assert opened(finished[1].output / "motion") == dict.fromkeys(("S01/A/run", "S02/A/run", "S02/A/walk"), 170)
 
 
+@pytest.mark.slow
 def test_results_are_the_same_in_any_order(finished: tuple[Path, StudyResult], tmp_path: Path) -> None:
     file, result = finished
     shutil.copytree(file.parent, tmp_path / "data", ignore=shutil.ignore_patterns("results"))
@@ -251,6 +252,7 @@ def test_results_are_not_written_through_a_link(name: str, study_file: Path, tmp
     assert list(elsewhere.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_folder_of_results_that_leads_out_of_the_study_is_refused(study_file: Path, tmp_path: Path) -> None:
     study = load_study(study_file)
     (tmp_path / "elsewhere").mkdir()

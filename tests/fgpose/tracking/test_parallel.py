@@ -116,6 +116,7 @@ def test_a_process_that_is_stopped_is_replaced(scene: CrowdScene):
             os.kill(before, 0)
 
 
+@pytest.mark.slow
 def test_a_process_that_ends_while_no_image_comes_is_started_again(scene: CrowdScene, estimators: ParallelEstimators):
     estimators.update(newest(scene, 0, (0, 1)))
     estimators.look()

@@ -188,6 +188,7 @@ def test_the_world_is_the_board_on_the_floor(result: CalibratedFromBoards, scene
     np.testing.assert_allclose(result.world_T_board[0, :3, :3], np.diag([1, -1, -1]), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("origin", ["camera", "level", "board@3"])
 def test_other_worlds(origin: str, scene: BoardScene, result: CalibratedFromBoards) -> None:
     other = calibrate_from_boards(scene.sightings, origin=parse_origin(origin))
@@ -223,6 +224,7 @@ def test_given_lenses_are_kept(scene: BoardScene) -> None:
     assert errors_m(result.rig, scene.rig).max() < 0.005
 
 
+@pytest.mark.slow
 def test_wrong_views_are_left_out_by_name(scene: BoardScene, result: CalibratedFromBoards) -> None:
     points_px = scene.sightings.points_px.copy()
     t = int(np.flatnonzero(scene.sightings.shows_board[:, 1])[4])
@@ -232,6 +234,7 @@ def test_wrong_views_are_left_out_by_name(scene: BoardScene, result: CalibratedF
     assert errors_m(found.rig, result.rig).max() < 0.005
 
 
+@pytest.mark.slow
 def test_single_corners_that_are_wrong_hardly_matter(scene: BoardScene, result: CalibratedFromBoards) -> None:
     rng = np.random.default_rng(0)
     points_px = scene.sightings.points_px.copy()

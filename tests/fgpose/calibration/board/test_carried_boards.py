@@ -113,6 +113,7 @@ def test_the_jacobian_of_the_clocks_is_that_of_differences(scene: CarriedScene) 
         assert (ahead - behind) / (2 * step) == pytest.approx(gradient[unknown], rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_camera_that_sees_another_motion_is_named(scene: CarriedScene) -> None:
     other = simulated(7).tracks[2]
     tracks = [*coarse(scene)[:2], replace(other, time_s=other.time_s[::5], points_px=other.points_px[::5])]

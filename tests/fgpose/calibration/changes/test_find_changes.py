@@ -123,6 +123,7 @@ def test_another_focal_length_of_all(names: tuple[str, ...]) -> None:
     assert lens.factor == pytest.approx(0.8, abs=0.02)
 
 
+@pytest.mark.slow
 def test_another_focal_length_of_one() -> None:
     found = find_changes([filmed(walk_m(3))], zoomed_rig((1,)))
     assert found.changes == ()
@@ -175,6 +176,7 @@ def test_images_that_were_resized_in_one_direction() -> None:
     assert other.factor == pytest.approx(1 / 1.12, abs=0.02)
 
 
+@pytest.mark.slow
 def test_images_of_all_cameras_that_were_cut() -> None:
     """Each looked like a camera that was turned, or none agreed with any. Along y this ring sees people higher up."""
     shift_px = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -196,6 +198,7 @@ def test_nothing_is_told_of_real_webcams_that_somebody_stands_before(n_cameras: 
     assert found.lenses == ()
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_turned_about_its_axis() -> None:
     """Rays miss each other by 2 cm only, as they do of somebody who stands; who walks is seen from all sides."""
     (found,) = changes(filmed(walk_m(3)), THREE, turned(RIG, 1, 1.0, axis=(0.0, 0.0, 1.0)))
@@ -210,6 +213,7 @@ def test_too_little_says_nothing(cut: Callable[[fgpose.Observations], fgpose.Obs
     assert not found.compared
 
 
+@pytest.mark.slow
 def test_all_people_are_used() -> None:
     """Each in a half of the recording."""
     seen = lost(filmed(walk_m(3)), 2, TURN, 6)

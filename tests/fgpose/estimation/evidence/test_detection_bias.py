@@ -164,6 +164,7 @@ def test_joints_do_not_jump_when_a_biased_camera_loses_them(rig: CameraRig, skel
         assert varying_mm[method, "constant"] < of_varying * varying_mm[method, "none"]
 
 
+@pytest.mark.slow
 def test_what_was_taken_from_the_detections_is_kept(rig: CameraRig, skeleton: Skeleton) -> None:
     """The residuals of a result are those of the detections as they are, not of what the model makes of them."""
     scene, bias_m = biased_scene(rig, skeleton)

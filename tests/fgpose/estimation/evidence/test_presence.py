@@ -79,6 +79,7 @@ def test_who_is_seen_by_one_camera_in_an_empty_room_is_nobody(scene: Scene, rig:
     assert smoothed.absent[coat].all()
 
 
+@pytest.mark.slow
 def test_live_nobody_is_predicted_for_longer_than_tracking_coast_s(scene: Scene, rig: fgpose.CameraRig):
     gone = np.asarray(absences(scene).all(axis=1))
     estimator = fgpose.Estimator(rig, scene.observations.skeleton, FAST)

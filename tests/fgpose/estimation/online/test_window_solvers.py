@@ -32,8 +32,10 @@ def errors_m(estimates: list[fgpose.Estimate], truth_m: Float[np.ndarray, "frame
     return np.array([np.linalg.norm(each.positions_m - truth_m[each.frame], axis=-1) for each in estimates])
 
 
-@pytest.mark.parametrize("seen", ["clear", "occluded", "by_two"])
-@pytest.mark.parametrize("factors", ["linear", "all"])
+@pytest.mark.parametrize(
+    "seen", [pytest.param("clear", marks=pytest.mark.slow), "occluded", pytest.param("by_two", marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("factors", [pytest.param("linear", marks=pytest.mark.slow), "all"])
 def test_they_agree_where_nothing_is_judged(
     factors: str, seen: str, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:
@@ -74,6 +76,7 @@ def test_it_is_at_least_as_good(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
     assert mean_m[1] < 1.05 * mean_m[0]
 
 
+@pytest.mark.slow
 def test_a_late_image_opens_a_frame_again(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """The images of one camera come 0.3 s late: their frames are eliminated by then."""
     recording, late = scene(rig, skeleton, 60), 15
@@ -98,7 +101,10 @@ def test_a_late_image_opens_a_frame_again(rig: fgpose.CameraRig, skeleton: fgpos
     assert np.linalg.norm(lagged, axis=-1).mean() < 4e-3
 
 
-@pytest.mark.parametrize("continued", [lambda estimator: pickle.loads(pickle.dumps(estimator)), copy.deepcopy])
+@pytest.mark.parametrize(
+    "continued",
+    [lambda estimator: pickle.loads(pickle.dumps(estimator)), pytest.param(copy.deepcopy, marks=pytest.mark.slow)],
+)
 def test_it_goes_on_where_it_was_saved(continued: Any, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     recording = scene(rig, skeleton, 60, Occlusion())
     estimator = fgpose.Estimator(rig, skeleton, by("window", online={"smoothed_covariance": True}))

@@ -137,6 +137,7 @@ def test_a_long_recording_gives_the_same(scene: Scene, smoothed: fgpose.Trajecto
     np.testing.assert_allclose(found.positions_m, smoothed.positions_m, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_hand_that_bones_join_to_the_wrist_of_the_body():
     """SAM 3D Body's hands have no root of their own."""
     skeleton = fgpose.load_skeleton("mhr_70")
@@ -204,6 +205,7 @@ def test_an_estimator_of_a_whole_body_is_continued_elsewhere(scene: Scene, skele
         np.testing.assert_array_equal(one.positions_m, other.positions_m)
 
 
+@pytest.mark.slow
 def test_isam2_and_the_images_of_single_cameras(scene: Scene, skeleton: Skeleton):
     estimator, observations = fgpose.Estimator(scene.rig, skeleton), scene.observations
     for frame in range(12):
@@ -223,6 +225,7 @@ def test_isam2_and_the_images_of_single_cameras(scene: Scene, skeleton: Skeleton
         pickle.dumps(estimator)
 
 
+@pytest.mark.slow
 def test_a_face_that_no_camera_sees_any_more_is_predicted(scene: Scene, skeleton: Skeleton):
     """One lag later too."""
     face = next(list(part.joints) for part in skeleton.parts if part.name == "face")

@@ -61,6 +61,7 @@ def of_frames(trajectory: fgpose.Trajectory, frames: slice) -> fgpose.Trajectory
 BOTH = ["batch", pytest.param("online", marks=pytest.mark.slow)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", BOTH)
 def test_who_walks_keeps_the_distance_from_the_only_camera(
     how: str, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
@@ -132,6 +133,7 @@ def test_a_short_time_alone_is_smoothed_from_both_sides(rig: fgpose.CameraRig, s
     assert is_within.mean() > 0.95
 
 
+@pytest.mark.slow
 def test_an_image_that_joins_a_frame_that_was_learned_from(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """Between two images of one time, of which one shows somebody: the filter of distances has no step to take."""
     fps, first = 15.0, 10

@@ -296,6 +296,7 @@ def test_one_camera_is_not_judged(rig: CameraRig, skeleton: Skeleton) -> None:
     np.testing.assert_allclose(running.probability, Chain(CONFIG.visibility).usual)
 
 
+@pytest.mark.slow
 def test_online_a_wrong_pose_is_corrected_by_detections_that_it_distrusts(rig: CameraRig, skeleton: Skeleton) -> None:
     """Somebody who is 0.5 m further within one frame, which no camera's detections confirm in the predicted pose."""
     truth_m = np.repeat(walking(1, FPS, skeleton), 75, axis=0)

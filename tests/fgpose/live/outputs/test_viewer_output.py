@@ -244,6 +244,7 @@ def walking_update(number: int) -> tuple[Update, LivePerson | None]:
     return Update(tuple(images), (tracked,), ()), LivePerson.of(tracked)
 
 
+@pytest.mark.slow
 def test_a_picture_and_its_points_are_of_one_moment(tmp_path: Path) -> None:
     path, every, late = tmp_path / "live.rrd", 10, 2
     output = ViewerOutput(path, RIG, SKELETON)
