@@ -9,6 +9,7 @@ from typing import Any
 
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
+from fgpose.io.skeletons.stated import stated_skeleton
 from fgpose.monocular.network import Network
 from fgpose.monocular.networks import open_network
 from fgpose.pipeline import AnySource, load_source
@@ -74,9 +75,15 @@ class Job:
 
     @property
     def skeleton(self) -> Skeleton:
+        """Raises ValueError where neither study nor keypoints say it."""
         if self.recording.kind == "videos":
             return network(self.study).skeleton
-        return load_skeleton(skeleton_of(self.study))
+        if self.study.data.skeleton:
+            return load_skeleton(skeleton_of(self.study))
+        try:
+            return stated_skeleton(self.keypoints)
+        except ValueError as error:
+            raise ValueError(f"data.skeleton is missing, and {error}") from None
 
     def source(self) -> AnySource:
         """Everybody, or one person, as is wanted and as many as there are. Raises ValueError and OSError as

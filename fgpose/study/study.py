@@ -31,7 +31,8 @@ class Data:
     calibration: str = ""
     """Pattern of the calibration, with names of the recording. In pose2sim it is found by itself."""
     skeleton: str = ""
-    """What the keypoints are: a name, or a TOML file. Of videos it is that of the network."""
+    """What the joints of the keypoints are: a name, or a TOML file. Where it is left out, each file says it. Of videos it
+    is that of the network."""
     fps: float | None = None
     """Frames per second, where the files do not say."""
     unit: str = "auto"
@@ -205,8 +206,6 @@ def _check(study: StudyDescription) -> None:
         _check_patterns(data, of_people)
     elif data.calibration:
         raise ValueError("data.calibration: the layout pose2sim finds it by itself; leave it out")
-    if not data.videos and not data.skeleton:
-        raise ValueError("data.skeleton says what the keypoints are (body_25, coco_17, ...), and is missing")
     if data.skeleton:
         from fgpose.io.skeletons import load_skeleton
 

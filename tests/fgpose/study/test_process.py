@@ -224,6 +224,25 @@ def test_another_skeleton_fails(edited: Callable[[str, str], Path]) -> None:
     assert "its joints are not those of skeleton coco_17" in outcome.reason
 
 
+def test_keypoints_that_say_what_their_joints_are(edited: Callable[[str, str], Path]) -> None:
+    file = edited('skeleton = "h36m_17"', "")
+    outcome = run(file)
+    assert outcome.status == "done"
+    motion = load_trajectory(outcome.recording.folder(load_study(file).output) / "motion.parquet")
+    assert motion.skeleton.name == "h36m_17"
+
+
+def test_keypoints_that_do_not_say_it_need_a_skeleton(edited: Callable[[str, str], Path]) -> None:
+    file = edited('skeleton = "h36m_17"', "")
+    source = first(file).source
+    with np.load(source) as arrays:
+        told = {name: array for name, array in arrays.items() if name != "skeleton"}
+    np.savez(source, **{**told, "joints": np.array([f"point_{number}" for number in range(17)])})
+    outcome = run(file)
+    assert outcome.status == "failed"
+    assert outcome.reason.startswith("data.skeleton is missing, and ")
+
+
 def test_other_cameras_fail(study_file: Path) -> None:
     calibration = study_file.parent / "S01" / "A" / "Calib.toml"
     calibration.write_text(calibration.read_text().replace("ring_3", "ring_7"))

@@ -42,7 +42,6 @@ def test_parameters_and_lists_are_read(edited: Callable[[str, str], Path]) -> No
         ("{subject}/{session}/{trial}.npz", "a.npz", "has none of {subject}, {session}, {trial}"),
         ("{subject}/{session}/{trial}.npz", "{subject}/A/walk.npz", "data.calibration: {session} is not in"),
         ('calibration = "{subject}/{session}/Calib.toml"', "", "data.calibration is missing"),
-        ('skeleton = "h36m_17"', "", "data.skeleton says what the keypoints are"),
         ("h36m_17", "h36m_71", "h36m_71"),
         ("[steps]", 'videos = "{trial}"\n[steps]', "a study begins from one of them"),
         ("[steps]", 'layout = "pose2sim"\n[steps]', "the layout pose2sim finds it by itself"),
