@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.calibrated import Grade, by_remedy
-from fgpose.diagnosis.body.joint_names import in_words, limb_of
+from fgpose.diagnosis.body.joint_names import in_words_by_part, limb_of
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
 from fgpose.finding import Code, Finding, Severity
@@ -24,7 +24,6 @@ _MUCH_HALLUCINATED = 0.3
 # One joint that a view shows elsewhere more often than not, and hardly any other.
 _OFTEN, _HARDLY = 0.5, 0.1
 _LEAST_S = 1.0
-_NAMED_JOINTS = 3  # more of a hand or a face are counted
 
 
 def few_cameras(recording: FinishedRecording) -> list[Finding]:
@@ -197,18 +196,18 @@ def _seen_by_nobody(
     recording: FinishedRecording, person: int, joints: list[int], shares: Float[np.ndarray, "camera joint"]
 ) -> Finding:
     """Of joints of which no two views agree."""
-    names = recording.people[person].skeleton.joints
+    skeleton = recording.people[person].skeleton
     low, high = np.quantile(shares[:, joints][shares[:, joints] > _OFTEN], (0.0, 1.0))
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
-        f"{recording.prefix(person)}no two cameras agree where {in_words(names[joint] for joint in joints)} "
+        f"{recording.prefix(person)}no two cameras agree where {in_words_by_part(skeleton, joints)} "
         f"{'are' if len(joints) > 1 else 'is'}: they contradict each other in {100 * low:.0f} to {100 * high:.0f} % of "
         "the detections",
         "Look at the images: hidden from all, guessed by the network, or not there? Leave such detections out with "
         "--min-confidence, or use a skeleton without these joints.",
         0.3 * float(high),
-        joint=names[joints[0]],
+        joint=skeleton.joints[joints[0]],
         person=recording.number(person),
     )
 
@@ -218,20 +217,17 @@ def _misplaced(
 ) -> Finding:
     """Of joints of one limb, hand or face in one view."""
     skeleton = recording.people[person].skeleton
-    names, part = skeleton.joints, skeleton.part_names[joints[0]]
     worst = max(joints, key=lambda joint: float(shares[joint]))
-    is_many = bool(part) and len(joints) > _NAMED_JOINTS
-    what = f"{len(joints)} joints of the {in_words((part,))}" if is_many else in_words(names[joint] for joint in joints)
     name = recording.camera_names[camera]
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
-        f"{recording.prefix(person)}camera {name} shows {what} elsewhere than the others do in "
-        f"{100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
+        f"{recording.prefix(person)}camera {name} shows {in_words_by_part(skeleton, joints)} elsewhere than the others "
+        f"do in {100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
         "Look at its images: what does the network take for this? A coat, a chair, the other side?",
         0.3 * float(shares[worst]),
         camera=name,
-        joint=names[worst],
+        joint=skeleton.joints[worst],
         person=recording.number(person),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.diagnosis.body.joint_names import in_words
+from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.finished import FinishedRecording, of_each_person
 from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
 from fgpose.finding import Code, Finding, Severity
@@ -18,6 +18,7 @@ _FEW_FRAMES_SHARE = 0.01
 _SAME_S = 0.25  # joints that are away at the same time, to this
 # Of one kind: more are in the tables.
 _AT_MOST = 3
+_NAMED = 6  # the others are counted
 # Above the fastest run: 44.72 km/h, 12.42 m/s (U. Bolt, from 60 to 80 m, World Championships in Athletics 2009).
 _MAX_SPEED_MPS = 13.0
 # The fastest spin on ice skates: 342 turns a minute, 2052 degrees a second (Guinness World Records 2015). Sides that
@@ -52,19 +53,19 @@ def gaps(recording: FinishedRecording) -> list[Finding]:
 
 
 def _gap(recording: FinishedRecording, person: int, own: list[_JointGap], n_times: int, duration_s: float) -> Finding:
+    skeleton, many = recording.main.skeleton, len(own) > 1
     joint, start_s, gap_s, _ = own[0]
+    joints = [skeleton.joints.index(each) for each, *_ in own]
     ratios = [ratio for *_, ratio in own if np.isfinite(ratio)]
     return Finding(
         Code.GAP,
         Severity.NOTE,
-        f"{recording.prefix(person)}{in_words(each for each, *_ in own)}: fewer than two cameras see "
-        f"{'them' if len(own) > 1 else 'it'}, as far as they are believed, for {gap_s:.1f} s from {start_s:.1f} s on"
+        f"{recording.prefix(person)}{in_words_by_part(skeleton, joints)}: fewer than two cameras see "
+        f"{'them' if many else 'it'}, as far as they are believed, for {gap_s:.1f} s from {start_s:.1f} s on"
         + (f", the longest of {n_times} times" if n_times > 1 else "")
-        + (
-            f"; {'their' if len(own) > 1 else 'its'} sigma grows to {max(ratios):.0f} times the usual" if ratios else ""
-        ),
+        + (f"; {'their' if many else 'its'} sigma grows to {max(ratios):.0f} times the usual" if ratios else ""),
         "What stands there is predicted: leave it out of the analysis, or add a camera that sees "
-        f"{'these joints' if len(own) > 1 else 'the joint'}.",
+        f"{'these joints' if many else 'the joint'}.",
         min(0.4, gap_s / max(duration_s, 1e-9) + 0.05),
         person=recording.number(person),
         joint=joint,
@@ -103,10 +104,10 @@ def unobservable(recording: FinishedRecording, person: int, trajectory: Trajecto
     missing = trajectory.status == Status.UNOBSERVABLE
     somebody = ~missing.all(axis=1)
     shares = missing[somebody].mean(axis=0) if somebody.any() else np.ones(missing.shape[1])
-    joints = [trajectory.skeleton.joints[j] for j in np.flatnonzero(shares > _FEW_FRAMES_SHARE)]
+    joints = np.flatnonzero(shares > _FEW_FRAMES_SHARE).tolist()
     if not joints:
         return None
-    named = in_words(joints[:6]) + (f" and {len(joints) - 6} more" if len(joints) > 6 else "")
+    named = in_words_by_part(trajectory.skeleton, joints, _NAMED)
     where = f"in up to {100 * shares.max():.0f} % of the frames"
     return Finding(
         Code.UNDETERMINED,

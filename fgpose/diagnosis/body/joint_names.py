@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+
+from fgpose.skeleton import Skeleton
 
 _SIDE = re.compile(r"^(left|right)_")
 # What a network takes for something else, it takes as a whole.
@@ -12,6 +15,8 @@ _LIMBS: Mapping[str, tuple[str, ...]] = {
     "leg": ("hip", "knee", "ankle", "heel", "big_toe", "small_toe", "foot_index", "foot"),
     "head": ("nose", "eye", "eye_inner", "eye_outer", "ear", "mouth", "head", "head_top"),
 }
+
+_NAMED = 3  # more of a hand or a face are counted
 
 
 def limb_of(joint: str) -> str:
@@ -32,3 +37,17 @@ def in_words(joints: Iterable[str]) -> str:
         else:
             words.append(name.replace("_", " "))
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def in_words_by_part(skeleton: Skeleton, joints: Sequence[int], at_most: int | None = None) -> str:
+    """The same of joints by number. Many of a hand or a face are counted: "left wrist and 21 joints of the left hand";
+    so are those after so many."""
+    of_part = Counter(skeleton.part_names[joint] for joint in joints)
+    words = []
+    for joint in joints:
+        part = skeleton.part_names[joint]
+        is_many = bool(part) and of_part[part] > _NAMED
+        words.append(f"{of_part[part]} joints of the {part}" if is_many else skeleton.joints[joint])
+    different = list(dict.fromkeys(words))
+    more = len(different[at_most:]) if at_most else 0
+    return in_words(different[:at_most]) + (f" and {more} more" if more else "")

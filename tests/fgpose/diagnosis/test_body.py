@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.diagnosis.body.joint_names import in_words, limb_of
+from fgpose.diagnosis.body.joint_names import in_words, in_words_by_part, limb_of
 from fgpose.diagnosis.body.proportions import stature_m, strangeness
 from fgpose.diagnosis.body.sides import exchanged_limbs, mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
@@ -244,6 +244,17 @@ def test_no_other_order_is_told_where_joints_are_missing(seen, rig, missing: tup
     points_px[:, :, joints], confidence[:, :, joints] = np.nan, 0.0
     without = replace(with_points(seen, points_px), confidence=confidence)
     assert wrong_skeleton(Examined.of(without, rig)) == []
+
+
+def test_many_joints_of_a_hand_are_counted() -> None:
+    skeleton = fgpose.load_skeleton("coco_wholebody_133")
+    hands = [[j for j, part in enumerate(skeleton.part_names) if part == f"{side}_hand"] for side in ("left", "right")]
+    wrist, knees = skeleton.index("left_wrist"), [skeleton.index(f"{side}_knee") for side in ("left", "right")]
+    assert in_words_by_part(skeleton, [wrist, *hands[0]]) == "left wrist and 21 joints of the left hand"
+    assert in_words_by_part(skeleton, [*knees, *hands[0][:2]]) == "knees, left hand root and left thumb cmc"
+    assert in_words_by_part(skeleton, [*hands[1], wrist, *knees], 2) == (
+        "21 joints of the right hand and left wrist and 2 more"
+    )
 
 
 def test_joints_in_words() -> None:
