@@ -214,9 +214,9 @@ OURS = (
 )
 
 
-def _oracle(recording: BenchmarkRecording) -> MethodResult:
-    """The batch that knows which detections are occluded, how large the noise of the others is, where the cameras are
-    and when they took their images.
+def what_an_oracle_knows(recording: BenchmarkRecording) -> tuple[Observations, Config]:
+    """The detections that are not occluded, and the configuration that says how large their noise is. The oracle knows
+    the true rig too, where the cameras are and when they took their images.
 
     Raises:
         ValueError: nobody knows that of this recording.
@@ -225,8 +225,13 @@ def _oracle(recording: BenchmarkRecording) -> MethodResult:
         raise ValueError(f"nobody knows what is occluded in {recording.clip} ({recording.variant}): there is no oracle")
     own_px = float(recording.true_rig.in_own_px(1.0).mean())
     known = ProjectionConfig(weighting="uniform", sigma_px=recording.sigma_px / own_px)
-    config = Config(projection=known, visibility={"model": "none"})
-    return _smoothed(recording.oracle_observations, recording.true_rig, config)
+    return recording.oracle_observations, Config(projection=known, visibility={"model": "none"})
+
+
+def _oracle(recording: BenchmarkRecording) -> MethodResult:
+    """The batch that knows all this. Raises ValueError as what_an_oracle_knows."""
+    observations, config = what_an_oracle_knows(recording)
+    return _smoothed(observations, recording.true_rig, config)
 
 
 ORACLE = Method("oracle", "oracle", _Timed(_oracle))
