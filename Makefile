@@ -11,7 +11,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # Images of containers often forbid Python to keep what it compiles. Two fifths of the start of each process are that, and
 # the tests start some hundred.
 unexport PYTHONDONTWRITEBYTECODE
-# Checking the shapes of all arguments takes two thirds of the time, so it is left to `make test`.
+# Checking the shapes of all arguments takes a fifth of the time, so it is left to `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
 .PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test slow-tests test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-faults benchmark-quick soak live-soak constraints format clean

@@ -1,9 +1,11 @@
 """Both solvers of the online window beside the batch: errors on the clips of the benchmark, and the time of an update.
 
 ``python window_solvers.py --variants clean occluded occluded_2_cameras`` prints a line for each. The solvers take turns
-frame by frame, so that their times are of the same moments; other work makes both slower. An oracle, online and in
-batch, says how much of the distance between the two is due to the frames that are still to come: it is told which
-detections are hidden, and how large the noise of the others is.
+frame by frame, so that their times are of the same moments; other work makes both slower.
+
+The clips are short, so the window runs also with the bone lengths of the batch, as of somebody who is recognised. An
+oracle, online and in batch, says how much of the distance between the two is due to the frames that are still to come:
+it is told which detections are hidden, how large the noise of the others is, and the lengths of its batch.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -28,7 +31,8 @@ from fgpose_benchmarks.accuracy.variants import TEST_CLIPS, TUNING_CLIPS, record
 from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 
 _SOLVERS = ("isam2", "window")
-_ORACLE = "window of an oracle"
+_BONES_KNOWN, _ORACLE = "window, bones known", "window of an oracle"
+_BONE_SIGMA_M = 0.005
 _SETTLED_S = 0.2  # both begin with the same triangulated points
 _WARM_UP_S = 1.0  # twice the longest lag
 
@@ -71,10 +75,17 @@ class _Given:
         config = replace(self.config, online={"solver": solver, "lag_s": lag_s})
         return Estimator(self.rig, self.observations.skeleton, config)
 
-    def batch_m(self) -> Float[np.ndarray, "frame joint 3"]:
+    @cached_property
+    def batch(self) -> fgpose.Trajectory:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*has not converged")
-            return fgpose.smooth(self.observations, self.rig, self.config).positions_m
+            return fgpose.smooth(self.observations, self.rig, self.config)
+
+    @property
+    def bone_lengths(self) -> fgpose.BoneLengths:
+        """Those of the batch."""
+        assert self.batch.bone_lengths_m is not None
+        return fgpose.BoneLengths(self.batch.bone_lengths_m, np.full_like(self.batch.bone_lengths_m, _BONE_SIGMA_M))
 
 
 def _run(recording: BenchmarkRecording, lag_s: float, figures: dict[str, Figures]) -> None:
@@ -82,8 +93,11 @@ def _run(recording: BenchmarkRecording, lag_s: float, figures: dict[str, Figures
     n_frames, after = len(recording.truth_m), empty_frames(recording, lag_s)
     usual = _Given(recording.observations, recording.rig, fgpose.Config())
     seen, config = what_an_oracle_knows(recording)
-    given = {**dict.fromkeys(_SOLVERS, usual), _ORACLE: _Given(seen, recording.true_rig, config)}
-    estimators = {name: each.online(name.split()[0], lag_s) for name, each in given.items()}
+    told = _Given(seen, recording.true_rig, config)
+    given = {**dict.fromkeys((*_SOLVERS, _BONES_KNOWN), usual), _ORACLE: told}
+    estimators = {name: each.online(name if name in _SOLVERS else "window", lag_s) for name, each in given.items()}
+    for name in (_BONES_KNOWN, _ORACLE):
+        estimators[name].know(given[name].bone_lengths)
     estimates: dict[str, list[fgpose.Estimate]] = {name: [] for name in given}
     for frames in zip(*([*each.observations, *after] for each in given.values()), strict=True):
         for (name, estimator), frame in zip(estimators.items(), frames, strict=True):
@@ -91,7 +105,6 @@ def _run(recording: BenchmarkRecording, lag_s: float, figures: dict[str, Figures
             estimates[name].append(estimator.update(frame))
             if len(estimates[name]) > _WARM_UP_S * recording.fps:
                 figures[name].update_ms.append(1e3 * (time.perf_counter() - start_s))
-    batch_mm = {each: _error_mm(each.batch_m(), recording) for each in set(given.values())}
     for name, each in estimates.items():
         lagged_m = np.full_like(recording.truth_m, np.nan)
         for smoothed in (estimate.smoothed for estimate in each):
@@ -101,7 +114,7 @@ def _run(recording: BenchmarkRecording, lag_s: float, figures: dict[str, Figures
         figures[name].newest_mm.append(_error_mm(np.stack([estimate.positions_m for estimate in newest]), recording))
         figures[name].lagged_mm.append(_error_mm(lagged_m, recording))
         figures[name].nees.append(_nees(newest, recording))
-        figures[name].batch_mm.append(batch_mm[given[name]])
+        figures[name].batch_mm.append(_error_mm(given[name].batch.positions_m, recording))
 
 
 def main(
@@ -125,7 +138,7 @@ def main(
     print("|---|---|---:|---:|---:|---:|---:|---:|")
     ratios = []
     for variant in variants:
-        figures = {name: Figures() for name in (*_SOLVERS, _ORACLE)}
+        figures = {name: Figures() for name in (*_SOLVERS, _BONES_KNOWN, _ORACLE)}
         for clip in track(names, variant, transient=True):
             _run(record(find_variant(variant), clip, frames), lag_s, figures)
         for name, each in figures.items():
