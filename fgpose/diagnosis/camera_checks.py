@@ -197,11 +197,12 @@ def _seen_by_nobody(
 ) -> Finding:
     """Of joints of which no two views agree."""
     skeleton = recording.people[person].skeleton
+    named = in_words_by_part(skeleton, [skeleton.joints[joint] for joint in joints])
     low, high = np.quantile(shares[:, joints][shares[:, joints] > _OFTEN], (0.0, 1.0))
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
-        f"{recording.prefix(person)}no two cameras agree where {in_words_by_part(skeleton, joints)} "
+        f"{recording.prefix(person)}no two cameras agree where {named} "
         f"{'are' if len(joints) > 1 else 'is'}: they contradict each other in {100 * low:.0f} to {100 * high:.0f} % of "
         "the detections",
         "Look at the images: hidden from all, guessed by the network, or not there? Leave such detections out with "
@@ -217,13 +218,14 @@ def _misplaced(
 ) -> Finding:
     """Of joints of one limb, hand or face in one view."""
     skeleton = recording.people[person].skeleton
+    named = in_words_by_part(skeleton, [skeleton.joints[joint] for joint in joints])
     worst = max(joints, key=lambda joint: float(shares[joint]))
     name = recording.camera_names[camera]
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
-        f"{recording.prefix(person)}camera {name} shows {in_words_by_part(skeleton, joints)} elsewhere than the others "
-        f"do in {100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
+        f"{recording.prefix(person)}camera {name} shows {named} elsewhere than the others do "
+        f"in {100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
         "Look at its images: what does the network take for this? A coat, a chair, the other side?",
         0.3 * float(shares[worst]),
         camera=name,

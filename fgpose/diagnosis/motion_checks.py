@@ -55,7 +55,7 @@ def gaps(recording: FinishedRecording) -> list[Finding]:
 def _gap(recording: FinishedRecording, person: int, own: list[_JointGap], n_times: int, duration_s: float) -> Finding:
     skeleton, many = recording.main.skeleton, len(own) > 1
     joint, start_s, gap_s, _ = own[0]
-    joints = [skeleton.joints.index(each) for each, *_ in own]
+    joints = [each for each, *_ in own]
     ratios = [ratio for *_, ratio in own if np.isfinite(ratio)]
     return Finding(
         Code.GAP,
@@ -104,7 +104,7 @@ def unobservable(recording: FinishedRecording, person: int, trajectory: Trajecto
     missing = trajectory.status == Status.UNOBSERVABLE
     somebody = ~missing.all(axis=1)
     shares = missing[somebody].mean(axis=0) if somebody.any() else np.ones(missing.shape[1])
-    joints = np.flatnonzero(shares > _FEW_FRAMES_SHARE).tolist()
+    joints = [trajectory.skeleton.joints[j] for j in np.flatnonzero(shares > _FEW_FRAMES_SHARE)]
     if not joints:
         return None
     named = in_words_by_part(trajectory.skeleton, joints, _NAMED)

@@ -31,8 +31,8 @@ class Data:
     calibration: str = ""
     """Pattern of the calibration, with names of the recording. In pose2sim it is found by itself."""
     skeleton: str = ""
-    """What the joints of the keypoints are: a name, or a TOML file. Where it is left out, each file says it. Of videos it
-    is that of the network."""
+    """What the joints of the keypoints are: a name, or a TOML file; not needed where each file says it. Of videos it is
+    that of the network."""
     fps: float | None = None
     """Frames per second, where the files do not say."""
     unit: str = "auto"

@@ -39,15 +39,15 @@ def in_words(joints: Iterable[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def in_words_by_part(skeleton: Skeleton, joints: Sequence[int], at_most: int | None = None) -> str:
-    """The same of joints by number. Many of a hand or a face are counted: "left wrist and 21 joints of the left hand";
-    so are those after so many."""
-    of_part = Counter(skeleton.part_names[joint] for joint in joints)
-    words = []
-    for joint in joints:
-        part = skeleton.part_names[joint]
-        is_many = bool(part) and of_part[part] > _NAMED
-        words.append(f"{of_part[part]} joints of the {part}" if is_many else skeleton.joints[joint])
+def in_words_by_part(skeleton: Skeleton, joints: Sequence[str], at_most: int | None = None) -> str:
+    """The same. Many of a hand or a face are counted: "left wrist and 21 joints of the left hand"; so are those after
+    so many."""
+    parts = [skeleton.part_names[skeleton.index(joint)] for joint in joints]
+    of_part = Counter(parts)
+    words = (
+        f"{of_part[part]} joints of the {part}" if part and of_part[part] > _NAMED else joint
+        for joint, part in zip(joints, parts, strict=True)
+    )
     different = list(dict.fromkeys(words))
     more = len(different[at_most:]) if at_most else 0
     return in_words(different[:at_most]) + (f" and {more} more" if more else "")

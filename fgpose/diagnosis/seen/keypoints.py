@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.diagnosis.body.joint_names import in_words
+from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.hypotheses.consistency import SPREAD_M
 from fgpose.diagnosis.hypotheses.scene import limb_joints
@@ -49,9 +49,12 @@ def zero_keypoints(examined: Examined) -> list[Finding]:
         return []
     share = float(zero.sum() / seen.sum())
     shares = zero.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    names = examined.main.skeleton.joints
+    skeleton = examined.main.skeleton
+    names = skeleton.joints
     joints = [names[j] for j in np.argsort(-shares.max(axis=0), kind="stable") if shares[:, j].any()]
-    listed = in_words(joints) if len(joints) <= _LISTED else f"{len(joints)} of the {len(names)} joints"
+    listed = (
+        in_words_by_part(skeleton, joints) if len(joints) <= _LISTED else f"{len(joints)} of the {len(names)} joints"
+    )
     cameras = [name for name, own in zip(examined.rig.names, shares, strict=True) if own.any()]
     where = "all cameras" if len(cameras) == examined.rig.n_cameras else ", ".join(cameras)
     severity = Severity.WRONG if shares.max() > _MOST else Severity.DOUBTFUL if share > _FEW else Severity.NOTE
@@ -88,7 +91,8 @@ def low_confidence(examined: Examined) -> list[Finding]:
     highest = [
         np.quantile(own[mask], _THROUGHOUT) if mask.any() else np.nan for own, mask in _of_joints(confidence, seen)
     ]
-    joints = examined.main.skeleton.joints
+    skeleton = examined.main.skeleton
+    joints = skeleton.joints
     low = [joint for joint, level in zip(joints, highest, strict=True) if level < _LOW * usual]
     if not low:
         return []
@@ -97,8 +101,8 @@ def low_confidence(examined: Examined) -> list[Finding]:
         Finding(
             Code.LOW_CONFIDENCE,
             Severity.DOUBTFUL,
-            f"The network is unsure of {in_words(low)} throughout: confidence up to {level:.2f} in three quarters "
-            f"of the detections, of all joints {usual:.2f} (median)",
+            f"The network is unsure of {in_words_by_part(skeleton, low)} throughout: confidence up to {level:.2f} in "
+            f"three quarters of the detections, of all joints {usual:.2f} (median)",
             f"It probably guesses what it cannot see. Give --min-confidence {_above(level):.2f} to leave them out, or "
             "a skeleton without these joints.",
             0.5 * len(low) / len(joints),

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.association.identity import RECOGNISED
 from fgpose.association.successive import Replacement, successive
-from fgpose.diagnosis.body.joint_names import in_words
+from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
@@ -136,7 +136,7 @@ def never_seen(examined: Examined) -> list[Finding]:
         Finding(
             Code.NEVER_SEEN,
             Severity.NOTE,
-            f"Never seen by two cameras at once, so not estimated: {in_words(joints)}",
+            f"Never seen by two cameras at once, so not estimated: {in_words_by_part(examined.main.skeleton, joints)}",
             "Add a camera that sees them, or use a skeleton without them.",
             0.1,
         )

@@ -248,13 +248,12 @@ def test_no_other_order_is_told_where_joints_are_missing(seen, rig, missing: tup
 
 def test_many_joints_of_a_hand_are_counted() -> None:
     skeleton = fgpose.load_skeleton("coco_wholebody_133")
-    hands = [[j for j, part in enumerate(skeleton.part_names) if part == f"{side}_hand"] for side in ("left", "right")]
-    wrist, knees = skeleton.index("left_wrist"), [skeleton.index(f"{side}_knee") for side in ("left", "right")]
-    assert in_words_by_part(skeleton, [wrist, *hands[0]]) == "left wrist and 21 joints of the left hand"
-    assert in_words_by_part(skeleton, [*knees, *hands[0][:2]]) == "knees, left hand root and left thumb cmc"
-    assert in_words_by_part(skeleton, [*hands[1], wrist, *knees], 2) == (
-        "21 joints of the right hand and left wrist and 2 more"
-    )
+    hand = [joint for joint, part in zip(skeleton.joints, skeleton.part_names, strict=True) if part == "left_hand"]
+    knees = ["left_knee", "right_knee"]
+    assert in_words_by_part(skeleton, ["left_wrist", *hand]) == "left wrist and 21 joints of the left hand"
+    assert in_words_by_part(skeleton, [*knees, *hand[:2]]) == "knees, left hand root and left thumb cmc"
+    more = in_words_by_part(skeleton, [*hand, "left_wrist", *knees], 2)
+    assert more == "21 joints of the left hand and left wrist and 2 more"
 
 
 def test_joints_in_words() -> None:
