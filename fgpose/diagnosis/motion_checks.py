@@ -18,7 +18,7 @@ _FEW_FRAMES_SHARE = 0.01
 _SAME_S = 0.25  # joints that are away at the same time, to this
 # Of one kind: more are in the tables.
 _AT_MOST = 3
-_NAMED = 6  # the others are counted
+_MOST_NAMED = 6  # the others are counted
 # Above the fastest run: 44.72 km/h, 12.42 m/s (U. Bolt, from 60 to 80 m, World Championships in Athletics 2009).
 _MAX_SPEED_MPS = 13.0
 # The fastest spin on ice skates: 342 turns a minute, 2052 degrees a second (Guinness World Records 2015). Sides that
@@ -107,7 +107,7 @@ def unobservable(recording: FinishedRecording, person: int, trajectory: Trajecto
     joints = [trajectory.skeleton.joints[j] for j in np.flatnonzero(shares > _FEW_FRAMES_SHARE)]
     if not joints:
         return None
-    named = in_words_by_part(trajectory.skeleton, joints, _NAMED)
+    named = in_words_by_part(trajectory.skeleton, joints, _MOST_NAMED)
     where = f"in up to {100 * shares.max():.0f} % of the frames"
     return Finding(
         Code.UNDETERMINED,
