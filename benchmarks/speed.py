@@ -85,8 +85,10 @@ def online_long(n_frames: int, solver: Solver) -> list[Metric]:
     name = f"online by {solver}, {n_frames} frames, last quarter over second"
     cpu_ratio = float(np.median(cpu_ms[3]) / np.median(cpu_ms[1]))
     memory_ratio = resident_mb[3].mean() / resident_mb[1].mean()
+    calls_before, calls_at_end = result["calls"]
     return [
         Metric(f"{name}: resident memory", float(memory_ratio), "x", limit=1.02, exact=True),
+        Metric(f"{name}: function calls of an update", calls_at_end / calls_before, "x", limit=1.02, exact=True),
         Metric(
             f"{name}: median update",
             float(np.median(wall_ms[3]) / np.median(wall_ms[1])),
