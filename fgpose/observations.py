@@ -68,10 +68,10 @@ class Observations(Shown):
         if len(names) != n_cameras or len(set(names)) != n_cameras:
             raise ValueError(f"{n_cameras} different camera names are needed, got {', '.join(names)}")
         object.__setattr__(self, "camera_names", names)
-        points3d_m = None if self.points3d_m is None else self._checked_points3d(n_frames, n_cameras, n_joints)
+        points3d_m = None if self.points3d_m is None else self._checked_points3d(self.points3d_m, points2d_px.shape[:3])
         covariance3d_m2 = None
         if points3d_m is not None and self.covariance3d_m2 is not None:
-            covariance3d_m2 = self._checked_covariance(points3d_m)
+            covariance3d_m2 = self._checked_covariance(self.covariance3d_m2, points3d_m)
         confidence = self._checked_confidence(points2d_px)
         points2d_px = _with(points2d_px, (confidence == 0) & ~np.isnan(points2d_px).all(axis=-1), np.nan)
         self._refuse_infinite("points2d_px", points2d_px)
@@ -111,22 +111,18 @@ class Observations(Shown):
             raise ValueError(f"confidence {value:g} is outside [0, 1] at {self._where(outside)}")
         return _with(confidence, ~known & (confidence != 0), 0.0)
 
-    def _checked_points3d(self, n_frames: int, n_cameras: int, n_joints: int) -> np.ndarray:
-        assert self.points3d_m is not None
-        points3d_m = _own(self.points3d_m)
-        if points3d_m.shape != (n_frames, n_cameras, n_joints, 3):
-            raise ValueError(
-                f"points3d_m must be {(n_frames, n_cameras, n_joints, 3)} as points2d_px is, got {points3d_m.shape}"
-            )
+    def _checked_points3d(self, given: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+        points3d_m = _own(given)
+        if points3d_m.shape != (*shape, 3):
+            raise ValueError(f"points3d_m must be {(*shape, 3)} as points2d_px is, got {points3d_m.shape}")
         self._refuse_infinite("points3d_m", points3d_m)
         unknown = np.isnan(points3d_m)
         points3d_m = _with(points3d_m, np.asarray(unknown.any(axis=-1) & ~unknown.all(axis=-1)), np.nan)
         refuse_millimetres(points3d_m)
         return points3d_m
 
-    def _checked_covariance(self, points3d_m: np.ndarray) -> np.ndarray:
-        assert self.covariance3d_m2 is not None
-        covariance_m2 = _own(self.covariance3d_m2)
+    def _checked_covariance(self, given: np.ndarray, points3d_m: np.ndarray) -> np.ndarray:
+        covariance_m2 = _own(given)
         if covariance_m2.shape != (*points3d_m.shape, 3):
             raise ValueError(f"covariance3d_m2 must be {(*points3d_m.shape, 3)}, got {covariance_m2.shape}")
         known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
