@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +73,7 @@ class Job:
             raise ValueError("it has no calibration")
         return found
 
-    @property
+    @cached_property
     def skeleton(self) -> Skeleton:
         """Raises ValueError where neither study nor keypoints say it."""
         if self.recording.kind == "videos":
