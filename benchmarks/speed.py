@@ -86,9 +86,11 @@ def online_long(n_frames: int, solver: Solver) -> list[Metric]:
     cpu_ratio = float(np.median(cpu_ms[3]) / np.median(cpu_ms[1]))
     memory_ratio = resident_mb[3].mean() / resident_mb[1].mean()
     calls_before, calls_at_end = result["calls"]
+    # The calls of a few frames depend on what these show.
+    calls_limit = 1.02 if n_frames >= _LONG_FRAMES else None
     return [
         Metric(f"{name}: resident memory", float(memory_ratio), "x", limit=1.02, exact=True),
-        Metric(f"{name}: function calls of an update", calls_at_end / calls_before, "x", limit=1.02, exact=True),
+        Metric(f"{name}: function calls of an update", calls_at_end / calls_before, "x", limit=calls_limit, exact=True),
         Metric(
             f"{name}: median update",
             float(np.median(wall_ms[3]) / np.median(wall_ms[1])),
