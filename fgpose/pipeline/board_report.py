@@ -12,6 +12,7 @@ from fgpose.calibration.board.calibrate import CalibratedFromBoards
 from fgpose.pipeline.calibration_report import page, texts, texts_unless_given, verdict
 
 _MOST_NAMED = 6  # views that are left out, one by one
+_DISAGREE = 1.2  # with corners that err independently it is within a tenth of 1
 # Parts of the image, by the distance from its middle as a share of the way to its corner.
 _RINGS = {"in the middle": (0.0, 0.35), "between": (0.35, 0.7), "near the corners": (0.7, np.inf)}
 
@@ -62,6 +63,11 @@ def board_summary(result: CalibratedFromBoards) -> list[str]:
         "measure them on the print; an error of 1 % of them is one of 1 % of everything, which ± does not know.",
         result.world,
     ]
+    if result.sigmas.disagreement >= _DISAGREE:
+        lines.append(
+            f"± is {result.sigmas.disagreement:.1f} times what the noise of the corners makes: by so much do the "
+            "moments disagree about the cameras, as where a board bends, or corners of one view err together."
+        )
     if sightings.left_out:
         named = [f"{each.camera} at {each.time_s:.2f} s: {each.reason}" for each in sightings.left_out]
         more = f"; and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""

@@ -28,6 +28,8 @@ _STEP_TOLERANCE_M = 1e-6  # a hundredth of the standard deviation of a good cali
 _MAX_ITERATIONS = 100
 _MIN_DEPTH_M = 1e-3
 _BEHIND_PX = 1e4  # residual of a corner behind its camera
+# A moment says something of directions of the unknowns that have this share of its information, beside rounding.
+_TOLD = 1e-6
 _CARRIED_M_S = 0.3  # about as fast as a board is: in a second of a clock it moves by so much
 
 
@@ -195,6 +197,31 @@ class BoardProblem:
         full = self.columns @ self.equations(state).covariance() @ self.columns.T
         n_cameras = len(self._kinds)
         return full.reshape(n_cameras, N_OF_CAMERA, n_cameras, N_OF_CAMERA)
+
+    def disagreement(self, state: BoardBundle) -> float:
+        """How many times as far as the noise of corners explains moments disagree about the cameras, at a minimum: 1
+        where all corners err independently, more where those of a view err together.
+
+        Each moment alone, its board eliminated, asks for a change of the cameras. In standard deviations, the sum of
+        the squares of these changes is chi-squared; the unknowns take one degree of freedom each.
+        """
+        residual, jacobian = self._linearized(state)
+        of_cameras, of_board = jacobian[..., :-6], jacobian[..., -6:]
+        by_camera = self.columns.reshape(len(self._kinds), N_OF_CAMERA, self.n_shared)
+        by_shared = of_cameras @ by_camera
+        boards = np.einsum("tcra,tcrb->tab", of_board, of_board)
+        cross = np.einsum("tcrs,tcra->tsa", by_shared, of_board, optimize=True)
+        taken = cross @ np.linalg.inv(boards)
+        pull = np.einsum("tcr,tcrs->ts", residual, by_shared)
+        pull -= np.einsum("tsa,tcr,tcra->ts", taken, residual, of_board, optimize=True)
+        information = np.einsum("tcrs,tcrq->tsq", by_shared, by_shared, optimize=True) - taken @ cross.swapaxes(1, 2)
+        # Of one unit each: pixels, radians and coefficients.
+        scale = np.sqrt(np.einsum("tss->s", information))
+        strength, directions = np.linalg.eigh(information / np.outer(scale, scale))
+        told = strength > _TOLD * strength.max(axis=-1, keepdims=True, initial=0.0)
+        squares = np.einsum("tsk,ts->tk", directions, pull / scale) ** 2
+        freedom = int(told.sum()) - self.n_shared
+        return float(np.sqrt(np.sum(squares[told] / strength[told]) / freedom)) if freedom > 0 else 1.0
 
     def _squared(self, residual_px: Float[np.ndarray, "moment camera point 2"]) -> Float[np.ndarray, ...]:
         """In standard deviations; zero where nothing is seen."""

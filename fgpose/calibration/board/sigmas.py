@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -18,8 +18,8 @@ _GRID = 9  # points along each side of the image
 
 @dataclass(frozen=True, eq=False)
 class BoardSigmas:
-    """Standard deviations of the cameras, about the centroid of the rig, from the errors of the corners. What is wrong
-    with the board, its scale first, is not in them."""
+    """Standard deviations of the cameras, about the centroid of the rig, from the errors of the corners and how far
+    moments disagree. What is wrong with the board at all moments alike, its scale first, is not in them."""
 
     position_m: Float[np.ndarray, " camera"]
     """Of the place, root of the sum over the axes."""
@@ -32,6 +32,8 @@ class BoardSigmas:
     What a turn of the camera does is not counted."""
     start_s: Float[np.ndarray, " camera"]
     """Of when it began after the first camera; zero where all have one clock."""
+    disagreement: float = 1.0
+    """How many times as large all of these are as the noise of the corners alone would make them, see BoardProblem."""
 
 
 def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
@@ -40,8 +42,9 @@ def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
     try:
         covariance = about_centroid(adjusted.problem.covariance(adjusted.bundle), rig)
     except np.linalg.LinAlgError:
-        unknown = np.full(n_cameras, np.inf)
-        return BoardSigmas(*(unknown.copy() for _ in fields(BoardSigmas)))
+        return BoardSigmas(*np.full((5, n_cameras), np.inf))
+    disagreement = max(adjusted.problem.disagreement(adjusted.bundle), 1.0)
+    covariance *= disagreement**2
     variances = np.einsum("cici->ci", covariance)
     of_lens = [covariance[c, LENS, c, LENS] for c in range(n_cameras)]
     return BoardSigmas(
@@ -50,6 +53,7 @@ def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
         focal=np.sqrt(variances[:, LENS.start : LENS.start + 2].mean(axis=1)),
         border_px=np.array([_border_px(camera, own) for camera, own in zip(rig.cameras, of_lens, strict=True)]),
         start_s=np.sqrt(variances[:, CLOCK]),
+        disagreement=disagreement,
     )
 
 

@@ -127,7 +127,7 @@ class _Looked:
         self,
         clips: Sequence[Clip],
         board: Board,
-        times_s: Sequence[Float[np.ndarray, " image"]],
+        times_s: Sequence[Float[np.ndarray, " _"]],
         progress: Progress | None,
     ) -> None:
         self._clips, self._board, self._times_s, self._progress = clips, board, times_s, progress
@@ -135,7 +135,7 @@ class _Looked:
         self.views = [dict[int, BoardView | None]() for _ in clips]
         """By the number of the image."""
 
-    def at(self, numbers: Sequence[Int[np.ndarray, " image"]]) -> None:
+    def at(self, numbers: Sequence[Int[np.ndarray, " _"]]) -> None:
         """Look at these images of each camera."""
         wanted = [
             np.array([number for number in own.tolist() if number not in known], dtype=int)

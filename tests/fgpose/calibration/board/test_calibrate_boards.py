@@ -66,6 +66,29 @@ def test_jacobians_are_those_of_differences(model: LensModel) -> None:
         assert (ahead - behind) / (2 * step) == pytest.approx(gradient[unknown], rel=1e-4, abs=1e-5)
 
 
+def test_moments_disagree_as_far_as_corners_of_a_view_err_together(scene: BoardScene) -> None:
+    """The image of each board bends along it, at its ends by twice the noise of a corner."""
+    kinds = [LensKind(n_distortion=5, square=False)] * 3
+    problem = BoardProblem(scene.sightings, kinds, np.full(3, 0.2))
+    solved = problem.solve(bundle_of(scene)).state
+    # With some 1,400 degrees of freedom, chance makes it 2 % more or less.
+    assert problem.disagreement(solved) == pytest.approx(1, abs=0.06)
+    along = scene.sightings.board.points_m[:, 0]
+    bend = ((along - along.mean()) / np.ptp(along)) ** 2
+    bent_px = np.random.default_rng(1).normal(0, 8 * 0.2, (len(scene.sightings.time_s), 3, 1, 2)) * bend[:, None]
+    bent = BoardProblem(replace(scene.sightings, points_px=scene.sightings.points_px + bent_px), kinds, np.full(3, 0.2))
+    assert bent.disagreement(bent.solve(solved).state) > 1.5
+
+
+def test_moments_cannot_disagree_about_what_is_held(scene: BoardScene) -> None:
+    problem = BoardProblem(scene.sightings.of_camera(0), [LensKind(held=True)], np.full(1, 0.2))
+    bundle = bundle_of(scene)
+    state = BoardBundle.on_time(
+        bundle.world_T_camera[:1], bundle.lenses[:1], bundle.world_T_board[scene.sightings.shows_board[:, 0]]
+    )
+    assert problem.disagreement(state) == 1
+
+
 def test_the_solution_is_that_of_the_whole_matrix() -> None:
     """The Schur complement against the normal equations of all unknowns, whose rows are differences of gradients. There
     is no noise, so that Gauss-Newton's are all of them."""
