@@ -229,7 +229,7 @@ def test_track_writes_newest_and_lagged(source: list[str], tmp_path: Path, capsy
     assert load_trajectory(tmp_path / "walk_online.npz").n_frames == 10
 
 
-@pytest.mark.parametrize("command", ["smooth", "track"])
+@pytest.mark.parametrize("command", [pytest.param("smooth", marks=pytest.mark.slow), "track"])
 def test_live_serves_until_ctrl_c(
     command: str,
     source: list[str],
@@ -512,7 +512,9 @@ def test_missing_package_is_one_line(
 
 
 @pytest.mark.filterwarnings("default:no .rrd file")
-@pytest.mark.parametrize("command", ["smooth", "track", "refine"])
+@pytest.mark.parametrize(
+    "command", [pytest.param("smooth", marks=pytest.mark.slow), "track", pytest.param("refine", marks=pytest.mark.slow)]
+)
 def test_without_rerun_all_else_is_written(
     command: str, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -633,7 +635,7 @@ def test_a_format_that_fails_does_not_take_the_others_along(
     assert (tmp_path / "walk.rrd").stat().st_size > 1000
 
 
-@pytest.mark.parametrize("live", [False, True])
+@pytest.mark.parametrize("live", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_viewer_file_that_fails_does_not_take_the_others_along(
     live: bool,
     source: list[str],

@@ -133,7 +133,7 @@ def test_two_cameras_that_are_exchanged(seen: Observations, rig: CameraRig) -> N
     [
         (Code.MIRRORED_IMAGE, mirrored, (0, 1)),
         (Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (1,)),
-        (Code.IMAGE_SIZE, lambda points: points / 1.5, (0, 1)),
+        pytest.param(Code.IMAGE_SIZE, lambda points: points / 1.5, (0, 1), marks=pytest.mark.slow),
     ],
 )
 def test_two_cameras_that_look_from_the_front_and_from_behind(code, change, cameras) -> None:

@@ -373,7 +373,7 @@ def hallucinated_arm(walk: FinishedRecording, n_cameras: int) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
+@pytest.mark.parametrize("n_cameras", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_an_arm_on_which_no_cameras_agree_is_one_finding_of_the_joints(walk: FinishedRecording, n_cameras: int) -> None:
     (reason,) = hallucinated_arm(walk, n_cameras)
     assert reason.startswith(
