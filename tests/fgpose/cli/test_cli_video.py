@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 N_IMAGES = 12
 FPS = 20.0
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 
 
 @pytest.fixture(autouse=True)
