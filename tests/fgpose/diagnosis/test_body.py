@@ -248,7 +248,7 @@ def test_neighbouring_joints_exchanged_in_all_views(
     assert f"{named} are probably {probably}" in finding.reason
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
+@pytest.mark.parametrize("n_cameras", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_hips_and_knees_that_a_desk_hides_are_in_no_other_order(n_cameras: int) -> None:
     """Two of four real webcams guess them; with hips and knees exchanged they are a little more like a body."""
     rig, seen = webcam()
@@ -315,7 +315,7 @@ def test_limbs_that_turn_round_too_slowly(
     assert [(each.code, each.severity) for each in found] == ([] if severity is None else [(Code.FRAME_RATE, severity)])
 
 
-@pytest.mark.parametrize("name", ["balance_openpose", "balance_blazepose"])
+@pytest.mark.parametrize("name", ["balance_openpose", pytest.param("balance_blazepose", marks=pytest.mark.slow)])
 def test_the_tempo_of_real_detections(name: str) -> None:
     rig, balance = fgpose.files.load_recording(name)
     # 0.16 and 0.17 s: as in motion capture, the noise of networks notwithstanding.

@@ -59,7 +59,7 @@ def only(seen: Observations, rig: CameraRig) -> Finding:
     return findings[0]
 
 
-@pytest.mark.parametrize("n_cameras", [2, 3, 4])
+@pytest.mark.parametrize("n_cameras", [2, pytest.param(3, marks=pytest.mark.slow), 4])
 def test_nothing_is_told_of_cameras_that_agree(n_cameras: int) -> None:
     rig = room(n_cameras, seed=11)
     assert found(recorded(rig, motion_m("cmu_02_10"), seed=11), rig) == []

@@ -319,7 +319,7 @@ EACH_FRAME_ALONE = {
     [
         {"symmetry": {"form": "frame"}},
         {"projection": {"weighting": "uniform"}},
-        {"projection": {"weighting": "confidence"}},
+        pytest.param({"projection": {"weighting": "confidence"}}, marks=pytest.mark.slow),
         {"projection": {"kernel": "none"}},
         {"depth": {"use": "always"}},
     ],
