@@ -117,6 +117,7 @@ def _smoothed(folder: Path) -> list[str]:
     return [*source, *to]
 
 
+@pytest.mark.usefixtures("without_search_for_faults")
 def test_commands_do_not_replace_results_of_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

@@ -369,6 +369,7 @@ def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(
     assert np.nanmean(motion**2) == pytest.approx(3.0, abs=0.1)
 
 
+@pytest.mark.usefixtures("without_search_for_faults")
 def test_a_recording_in_the_world_of_a_camera_stands_in_every_file(smoothed: Result, tmp_path: Path) -> None:
     """The real recording, once in a world with y down: the TRC stands, and says the same but for the heading."""
     world_R_up = z_up_R_world("-y").T
@@ -424,6 +425,7 @@ def test_keypoints_of_images_turned_by_caliscope_are_noticed(
     assert errors_px[1] == pytest.approx(errors_px[0], abs=1e-2)
 
 
+@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.parametrize(("n_moved", "said"), [(3, True), (2, False)])
 def test_a_refinement_that_leaves_nothing_to_hold_the_world_is_said(
     source: Source[Observations], smoothed: Result, n_moved: int, said: bool

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.changes.rays import Rays
 from fgpose.estimation.noise import CORRELATION_S
+from fgpose.geometry.vectors import cross, dot
 from fgpose_factors.robust_statistics import robust_sigma
 
 BLOCK_S = 1.0
@@ -111,9 +112,9 @@ def angle(
     baseline_m: Float[np.ndarray, "*#shape 3"],
 ) -> Float[np.ndarray, "*angles"]:
     """By how much two rays miss each other, signed, in standard deviations if both directions err by one."""
-    from_one, from_other = np.cross(baseline_m, one), np.cross(baseline_m, other)
-    length = np.sqrt(np.sum(from_one**2, axis=-1) + np.sum(from_other**2, axis=-1))
-    return np.sum(from_one * other, axis=-1) / np.where(length > 0, length, np.nan)
+    from_one, from_other = cross(baseline_m, one), cross(baseline_m, other)
+    length = np.sqrt(dot(from_one, from_one) + dot(from_other, from_other))
+    return dot(from_one, other) / np.where(length > 0, length, np.nan)
 
 
 def reach_m(
@@ -123,8 +124,8 @@ def reach_m(
 ) -> Float[np.ndarray, " other"]:
     """Of each other camera the median of the root of the summed squares of both distances to where the rays are
     nearest: both directions err."""
-    cosine = np.sum(own * others, axis=-1)
-    along_own, along_other = np.sum(own * baseline_m, axis=-1), np.sum(others * baseline_m, axis=-1)
+    cosine = dot(own, others)
+    along_own, along_other = dot(own, baseline_m), dot(others, baseline_m)
     with np.errstate(invalid="ignore", divide="ignore"):
         depth_m = (along_own - cosine * along_other) / (1 - cosine**2)
         other_depth_m = (cosine * along_own - along_other) / (1 - cosine**2)
@@ -213,19 +214,19 @@ def _angles(
     index, n_times = blocks.index, len(rays.time_s)
     one, weight = rays.direction[a, index], rays.weight[a, index]
     baseline_m = (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32)
-    from_one = np.cross(baseline_m, one)
-    squared = np.sum(from_one**2, axis=-1)
+    from_one = cross(baseline_m, one)
+    squared = dot(from_one, from_one)
     shape = (len(index), 2 * n_lags + 1, one.shape[1])
     angles, weights = np.full(shape, np.nan, dtype=np.float32), np.zeros(shape, dtype=np.float32)
-    along = np.sum(baseline_m**2, axis=-1)
+    along = dot(baseline_m, baseline_m)
     for k in range(-n_lags, n_lags + 1):
         other = index - k
         there = (other >= 0) & (other < n_times)
         ray = rays.direction[b, other[there]]
-        of_other = along[there] - np.sum(baseline_m[there] * ray, axis=-1) ** 2
+        of_other = along[there] - dot(baseline_m[there], ray) ** 2
         length = np.sqrt(squared[there] + np.maximum(of_other, 0.0))
         with np.errstate(invalid="ignore", divide="ignore"):
-            angles[there, k + n_lags] = np.sum(from_one[there] * ray, axis=-1) / length
+            angles[there, k + n_lags] = dot(from_one[there], ray) / length
         weights[there, k + n_lags] = np.minimum(weight[there], rays.weight[b, other[there]])
     return angles, np.where(np.isfinite(angles), weights, 0.0)
 

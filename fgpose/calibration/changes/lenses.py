@@ -23,6 +23,7 @@ from fgpose.calibration.changes.lag_costs import (
 from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import shifted, stretched, zoomed
+from fgpose.geometry.vectors import cross
 
 _LOGARITHMS = np.linspace(-0.48, 0.48, 13)
 _SHIFTS = np.linspace(-0.24, 0.24, 13)
@@ -158,7 +159,7 @@ class _View:
         x, y = self.per_pixel
         if x == y:
             return x**2
-        across = np.einsum("sji,skj->ski", self.world_R_camera, np.cross(baseline_m, self.direction))
+        across = np.einsum("sji,skj->ski", self.world_R_camera, cross(baseline_m, self.direction))
         along_x, along_y = np.moveaxis(across[..., :2] ** 2, -1, 0)
         return (along_x * x**2 + along_y * y**2) / np.maximum(along_x + along_y, 1e-12)
 

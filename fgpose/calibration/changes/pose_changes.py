@@ -25,6 +25,7 @@ from fgpose.calibration.changes.lag_costs import (
 )
 from fgpose.calibration.changes.rays import Rays
 from fgpose.config import CalibrationConfig
+from fgpose.geometry.vectors import cross, dot
 
 # Weak: what is bumped turns by degrees and moves by centimetres.
 _SIGMAS = np.repeat([np.deg2rad(2.0), 0.05], 3)
@@ -96,9 +97,9 @@ class _Views:
             self.own @ gtsam.Rot3.Expmap(move[:3]).matrix().T.astype(np.float32), self.others.shape
         )
         baseline_m = (self.own_centre_m + move[3:] - self.centres_m)[:, :, None].astype(np.float32)
-        across = np.cross(baseline_m, self.others)
-        length = np.sqrt(np.sum(across**2, axis=-1) + np.sum(np.cross(baseline_m, turned) ** 2, axis=-1))
-        by_move = np.concatenate([np.cross(turned, across), np.cross(self.others, turned)], axis=-1)
+        across, across_turned = cross(baseline_m, self.others), cross(baseline_m, turned)
+        length = np.sqrt(dot(across, across) + dot(across_turned, across_turned))
+        by_move = np.concatenate([cross(turned, across), cross(self.others, turned)], axis=-1)
         # A ray along the baseline, or at a camera's centre, says nothing.
         length = np.where(length > 0, length * self.scale[:, None, None], np.inf)
         return by_move / length[..., None]

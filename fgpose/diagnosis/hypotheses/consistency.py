@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews
+from fgpose.geometry.vectors import dot
 from fgpose.sampling import spread_evenly
 
 # A detection misses the joint by 18 mm along each axis of the image (VisibilityConfig.sigma_m), and by a bias of 20 to
@@ -110,11 +111,11 @@ def _proposals(
     """Middle between the rays of each pair where they are nearest; NaN if that is behind one, or they are parallel."""
     a, b = _pairs(len(origins_m)).T
     ray_a, ray_b, base_m = rays[:, a], rays[:, b], origins_m[b] - origins_m[a]
-    cosine = _dot(ray_a, ray_b)
+    cosine = dot(ray_a, ray_b)
     square = 1 - cosine**2
     usable = known[:, a] & known[:, b] & (square > _LEAST_SIN**2)
     square = np.where(usable, square, 1.0)
-    along_a, along_b = _dot(ray_a, base_m), _dot(ray_b, base_m)
+    along_a, along_b = dot(ray_a, base_m), dot(ray_b, base_m)
     depth_a, depth_b = (along_a - cosine * along_b) / square, (cosine * along_a - along_b) / square
     usable &= (depth_a > 0) & (depth_b > 0)
     places_m = (origins_m[a] + origins_m[b] + depth_a[..., None] * ray_a + depth_b[..., None] * ray_b) / 2
@@ -128,8 +129,8 @@ def _seen_from(
 ) -> tuple[Float[np.ndarray, "*points camera"], Float[np.ndarray, "*points camera"]]:
     """How far away along each ray, and how far from it: infinite behind its camera, and where there is no place."""
     offset_m = places_m[..., None, :] - origins_m
-    depth_m = _dot(offset_m, rays)
-    across_m = np.sqrt(np.maximum(_dot(offset_m, offset_m) - depth_m**2, 0.0))
+    depth_m = dot(offset_m, rays)
+    across_m = np.sqrt(np.maximum(dot(offset_m, offset_m) - depth_m**2, 0.0))
     return depth_m, np.where(depth_m > 0, across_m, np.inf)
 
 
@@ -158,16 +159,11 @@ def _unit(
     depth_m = depth_m[known[:, None] & (depth_m > 0)]
     count = known.reshape(scene.seen.shape).sum(axis=1)
     mean = rays.reshape(*scene.seen.shape, 3).sum(axis=1) / np.maximum(count, 1)[..., None]
-    angle = np.sqrt(np.maximum(1 - _dot(mean, mean), 0.0))[count > 2]  # of unit vectors, around their mean
+    angle = np.sqrt(np.maximum(1 - dot(mean, mean), 0.0))[count > 2]  # of unit vectors, around their mean
     if not depth_m.size or not angle.size or not np.median(angle) > 0:
         return 1.0
     unit = float(SPREAD_M / (np.median(depth_m) * np.median(angle)))
     return 1.0 if 1 / _MOST_TIMES < unit < _MOST_TIMES else unit
-
-
-def _dot(a: Float[np.ndarray, "*#vectors 3"], b: Float[np.ndarray, "*#vectors 3"]) -> Float[np.ndarray, "*vectors"]:
-    """Product of each pair of vectors: a sum over an axis of three takes three times as long."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def unsteadiness(positions_m: Float[np.ndarray, "frame joint 3"], limbs: Int[np.ndarray, "limb side 2"]) -> float:

@@ -1,6 +1,7 @@
 """The markers of a C3D file, read by ezc3d in a child process: on damaged files ezc3d crashes or hangs.
 
-This file is the program of that process, so of fgpose it imports only the reader of the answer.
+This file is the program of that process, so it imports fgpose only where the caller needs it: importing all of it
+takes several times as long as ezc3d.
 """
 
 from __future__ import annotations
@@ -16,8 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-from fgpose.plain_files import open_plain
 
 # Of the C3D format: the unit of all addresses, the second byte of every file, and the codes of the processors.
 BLOCK_BYTES = 512
@@ -49,6 +48,8 @@ def check_size(path: Path) -> C3dSize:
         ValueError: it is no C3D file, or lacks some of what its header promises.
         OSError: it cannot be read.
     """
+    from fgpose.plain_files import open_plain
+
     n_bytes = path.stat().st_size
     with open_plain(path) as file:
         header = file.read(BLOCK_BYTES)

@@ -174,7 +174,7 @@ def test_real_errors_are_rows_of_the_blocks():
         assert np.mean(np.isin(np.abs(np.diff(found)), (1, 2))) > 0.95
 
 
-@pytest.mark.parametrize("name", ["real", "real_occluded"])
+@pytest.mark.parametrize("name", [pytest.param("real", marks=pytest.mark.slow), "real_occluded"])
 def test_real_errors_have_the_size_of_the_blocks(name: str):
     blocks = [block for block in real_blocks()[0] if block.source in find_variant(name).real]
     of_blocks_m = np.linalg.norm(np.concatenate([block.error_m for block in blocks]), axis=-1)

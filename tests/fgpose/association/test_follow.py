@@ -98,7 +98,7 @@ def scene_of_a_return(skeleton: Skeleton, away_m: np.ndarray, back_m: np.ndarray
     return scene
 
 
-@pytest.mark.parametrize("back_m", [HERE_M, (-1.0, 0.4)])
+@pytest.mark.parametrize("back_m", [pytest.param(HERE_M, marks=pytest.mark.slow), (-1.0, 0.4)])
 def test_who_comes_back_is_known_by_their_bones(
     follower: Follower, rig: CameraRig, skeleton: Skeleton, back_m: tuple[float, float]
 ) -> None:
@@ -273,7 +273,7 @@ def walking_at(start_m: np.ndarray, time_s: float) -> np.ndarray:
     return start_m + np.array([0.8 * time_s, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.15])
+@pytest.mark.parametrize("late_s", [pytest.param(0.0, marks=pytest.mark.slow), 0.15])
 def test_cameras_of_different_rates(late_s: float, rig: CameraRig, skeleton: Skeleton) -> None:
     """At 25 and 30 Hz with phases of their own, each image by itself; the images of the last camera come late."""
     follower, start_m = Follower(rig, skeleton), [body_m(skeleton, (-1.2, -0.6)), body_m(skeleton, (-1.2, 0.6))]

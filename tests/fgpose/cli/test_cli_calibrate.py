@@ -132,7 +132,7 @@ def test_with_nothing_known_all_is_guessed_and_said(
 @pytest.mark.parametrize(
     ("file_format", "name", "written"),
     [
-        ("aniposelib", "rig.toml", ["rig.rrd", "rig.toml"]),
+        pytest.param("aniposelib", "rig.toml", ["rig.rrd", "rig.toml"], marks=pytest.mark.slow),
         ("caliscope", "rig.toml", ["rig.rrd", "rig.toml"]),
         ("easymocap", "rig", ["rig", "rig.rrd"]),
     ],

@@ -200,7 +200,9 @@ def test_track_of_less_than_the_lag_has_nothing_lagged(source: list[str], tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["room_online.parquet"]
 
 
-@pytest.mark.parametrize("wanted", [["--people", "1"], ["--person-region", "ring_0:{box}"]])
+@pytest.mark.parametrize(
+    "wanted", [["--people", "1"], pytest.param(["--person-region", "ring_0:{box}"], marks=pytest.mark.slow)]
+)
 def test_one_of_them(scene: CrowdScene, source: list[str], tmp_path: Path, wanted: list[str]) -> None:
     first = scene.observations.by_camera["ring_0"][0].points2d_px
     boxes = [(*points_px.min(axis=0), *np.ptp(points_px, axis=0)) for points_px in first]

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 N_IMAGES = 12
 FPS = 20.0
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 
 
 @pytest.fixture(autouse=True)
@@ -211,7 +212,7 @@ def test_refine_calibration(source: list[str], network: SquaresNetwork, tmp_path
     assert load_rig(tmp_path / "mine_calibration.toml").names == load_trajectory(tmp_path / "mine.npz").camera_names
 
 
-@pytest.mark.parametrize("person", [0, 1])
+@pytest.mark.parametrize("person", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_the_person_in_a_region(person: int, squares: SquaresScene, network: SquaresNetwork, tmp_path: Path) -> None:
     save_rig(squares.rig, tmp_path / "Calib.toml")
     squares.write_all(tmp_path / "walk", N_IMAGES, FPS, n_people=2)
@@ -285,7 +286,7 @@ def test_without_a_calibration_the_pixels_of_everybody_are_detected(
     assert "give --rig, or leave out the person" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["run", "detect"])
+@pytest.mark.parametrize("command", [pytest.param("run", marks=pytest.mark.slow), "detect"])
 def test_what_troubled_the_3d_is_printed_of_the_wanted_person_only(
     command: str,
     squares: SquaresScene,

@@ -13,7 +13,7 @@ NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
     ("arguments", "message"),
     [
         (["smoth", "x"], "there is no command smoth; did you mean smooth? fgpose --help lists all"),
-        (["zzz"], "there is no command zzz; fgpose --help lists all"),
+        pytest.param(["zzz"], "there is no command zzz; fgpose --help lists all", marks=pytest.mark.slow),
         (["--verson"], "there is no option --verson; did you mean --version? fgpose --help lists all"),
         (["--frames", "3"], "a command comes before --frames; fgpose --help lists all"),
         (

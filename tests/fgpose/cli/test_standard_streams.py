@@ -30,7 +30,15 @@ with forgiving_streams():
 """
 
 
-@pytest.mark.parametrize("streams", ["2>/dev/full", "2>&-", "2>&1 >/dev/null | true", "<&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "streams",
+    [
+        "2>/dev/full",
+        "2>&1 >/dev/null | true",
+        "<&- >&- 2>&-",
+        *(pytest.param(one, marks=pytest.mark.slow) for one in ("2>&-", "<&-")),
+    ],
+)
 def test_it_goes_on(tmp_path: Path, streams: str) -> None:
     program = tmp_path / "program.py"
     program.write_text(_PROGRAM)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -24,6 +25,9 @@ from fgpose.observations import Observations
 from fgpose_benchmarks.calibration.real import webcam
 from tests.fgpose.diagnosis.damaged import SKELETON, motion_m, posed, recorded, room, with_points
 
+SIDES = (("left", "right"), ("right",))
+NEIGHBOURS = (("elbow", "wrist"), ("shoulder", "elbow"), ("hip", "knee"), ("knee", "ankle"))
+FAST = {(("shoulder", "elbow"), 2, 4), (("hip", "knee"), 2, 2), (("elbow", "wrist"), 1, 2), (("knee", "ankle"), 1, 4)}
 Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 CHECKS = (wrong_skeleton, wrong_unit, wrong_up, mirrored_body)
 
@@ -61,9 +65,16 @@ def test_nothing_is_told_of_real_recordings(name: str) -> None:
     assert [finding for check in CHECKS for finding in check(examined)] == []
 
 
-@pytest.mark.parametrize("n_cameras", [2, 4])
 @pytest.mark.parametrize(
-    "posture", [lambda truth: truth, lying, lambda truth: 0.5 * truth], ids=["stands", "lies", "child"]
+    ("posture", "n_cameras"),
+    [
+        pytest.param(lambda truth: truth, 2, id="stands-2"),
+        pytest.param(lambda truth: truth, 4, id="stands-4", marks=pytest.mark.slow),
+        pytest.param(lying, 2, id="lies-2", marks=pytest.mark.slow),
+        pytest.param(lying, 4, id="lies-4"),
+        pytest.param(lambda truth: 0.5 * truth, 2, id="child-2", marks=pytest.mark.slow),
+        pytest.param(lambda truth: 0.5 * truth, 4, id="child-4"),
+    ],
 )
 def test_nothing_is_told_of_right_ones(n_cameras: int, posture) -> None:
     rig = room(n_cameras, seed=7)
@@ -143,7 +154,7 @@ def test_no_order_is_told_of_a_body_without_legs(seen, rig) -> None:
     assert wrong_skeleton(Examined.of(with_points(seen, points_px), rig)) == []
 
 
-@pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize("n_cameras", [pytest.param(2, marks=pytest.mark.slow), 4])
 @pytest.mark.parametrize(
     ("limbs", "joints"), [("arms", ("shoulder", "elbow", "wrist")), ("legs", ("hip", "knee", "ankle"))]
 )
@@ -160,7 +171,10 @@ def test_arms_or_legs_exchanged_in_all_views(n_cameras: int, limbs: str, joints:
     assert wrong_skeleton(examined) == []
 
 
-@pytest.mark.parametrize(("n_cameras", "camera"), [(2, 0), (2, 1), pytest.param(4, 1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("n_cameras", "camera"),
+    [(2, 0), pytest.param(2, 1, marks=pytest.mark.slow), pytest.param(4, 1, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize(
     ("limbs", "joints"), [("arms", ("shoulder", "elbow", "wrist")), ("legs", ("hip", "knee", "ankle"))]
 )
@@ -179,8 +193,15 @@ def test_arms_or_legs_exchanged_in_one_view(n_cameras: int, camera: int, limbs: 
     assert (finding.camera, finding.joint) == (rig.names[camera], limbs)
 
 
-@pytest.mark.parametrize("n_cameras", [2, 4])
-@pytest.mark.parametrize("given", ["coco_17", "h36m_17_lt"])
+@pytest.mark.parametrize(
+    ("given", "n_cameras"),
+    [
+        ("coco_17", 2),
+        ("h36m_17_lt", 4),
+        pytest.param("coco_17", 4, marks=pytest.mark.slow),
+        pytest.param("h36m_17_lt", 2, marks=pytest.mark.slow),
+    ],
+)
 def test_a_skeleton_of_as_many_joints(n_cameras: int, given: str) -> None:
     rig = room(n_cameras, seed=3)
     seen = recorded(rig, motion_m("cmu_02_10", 90), seed=3)
@@ -199,9 +220,16 @@ def test_joints_in_an_order_that_no_skeleton_has(seen, rig) -> None:
     assert "another one" in finding.reason
 
 
-@pytest.mark.parametrize("n_cameras", [2, 4])
-@pytest.mark.parametrize("exchanged", [("elbow", "wrist"), ("shoulder", "elbow"), ("hip", "knee"), ("knee", "ankle")])
-@pytest.mark.parametrize("sides", [("left", "right"), ("right",)])
+# One of both sides, one of one side; with two cameras and with more.
+SOME_FAST = [
+    pytest.param(
+        sides, exchanged, n_cameras, marks=[] if (exchanged, len(sides), n_cameras) in FAST else pytest.mark.slow
+    )
+    for sides, exchanged, n_cameras in product(SIDES, NEIGHBOURS, (2, 4))
+]
+
+
+@pytest.mark.parametrize(("sides", "exchanged", "n_cameras"), SOME_FAST)
 def test_neighbouring_joints_exchanged_in_all_views(
     n_cameras: int, exchanged: tuple[str, str], sides: tuple[str, ...]
 ) -> None:
@@ -220,7 +248,7 @@ def test_neighbouring_joints_exchanged_in_all_views(
     assert f"{named} are probably {probably}" in finding.reason
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
+@pytest.mark.parametrize("n_cameras", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_hips_and_knees_that_a_desk_hides_are_in_no_other_order(n_cameras: int) -> None:
     """Two of four real webcams guess them; with hips and knees exchanged they are a little more like a body."""
     rig, seen = webcam()
@@ -237,7 +265,10 @@ def test_real_motion_has_the_proportions_of_a_body() -> None:
     assert strangeness(truth_m, SKELETON) < 0.2
 
 
-@pytest.mark.parametrize("missing", [("left_wrist",), ("left_knee", "right_knee"), ("left_wrist", "left_elbow")])
+@pytest.mark.parametrize(
+    "missing",
+    [pytest.param(("left_wrist",), marks=pytest.mark.slow), ("left_knee", "right_knee"), ("left_wrist", "left_elbow")],
+)
 def test_no_other_order_is_told_where_joints_are_missing(seen, rig, missing: tuple[str, ...]) -> None:
     joints = [SKELETON.index(name) for name in missing]
     points_px, confidence = seen.points2d_px.copy(), seen.confidence.copy()
@@ -284,7 +315,7 @@ def test_limbs_that_turn_round_too_slowly(
     assert [(each.code, each.severity) for each in found] == ([] if severity is None else [(Code.FRAME_RATE, severity)])
 
 
-@pytest.mark.parametrize("name", ["balance_openpose", "balance_blazepose"])
+@pytest.mark.parametrize("name", ["balance_openpose", pytest.param("balance_blazepose", marks=pytest.mark.slow)])
 def test_the_tempo_of_real_detections(name: str) -> None:
     rig, balance = fgpose.files.load_recording(name)
     # 0.16 and 0.17 s: as in motion capture, the noise of networks notwithstanding.

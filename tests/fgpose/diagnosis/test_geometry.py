@@ -59,7 +59,7 @@ def only(seen: Observations, rig: CameraRig) -> Finding:
     return findings[0]
 
 
-@pytest.mark.parametrize("n_cameras", [2, 3, 4])
+@pytest.mark.parametrize("n_cameras", [2, pytest.param(3, marks=pytest.mark.slow), 4])
 def test_nothing_is_told_of_cameras_that_agree(n_cameras: int) -> None:
     rig = room(n_cameras, seed=11)
     assert found(recorded(rig, motion_m("cmu_02_10"), seed=11), rig) == []
@@ -133,7 +133,7 @@ def test_two_cameras_that_are_exchanged(seen: Observations, rig: CameraRig) -> N
     [
         (Code.MIRRORED_IMAGE, mirrored, (0, 1)),
         (Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (1,)),
-        (Code.IMAGE_SIZE, lambda points: points / 1.5, (0, 1)),
+        pytest.param(Code.IMAGE_SIZE, lambda points: points / 1.5, (0, 1), marks=pytest.mark.slow),
     ],
 )
 def test_two_cameras_that_look_from_the_front_and_from_behind(code, change, cameras) -> None:

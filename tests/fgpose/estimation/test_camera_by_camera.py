@@ -236,7 +236,9 @@ ORDERS = {
 }
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize(
+    "order", ["shuffled", *(pytest.param(order, marks=pytest.mark.slow) for order in ORDERS if order != "shuffled")]
+)
 def test_all_images_are_judged_in_any_order(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton, order: str) -> None:
     """What is learned of each camera and each detection is what whole frames tell: no image is judged before there is
     another to compare it with, and none that joins makes the others forget what they knew."""

@@ -107,7 +107,7 @@ def test_an_infinite_lag_agrees_with_the_batch(mocap_clear: Scene, rig: fgpose.C
     assert np.median(difference_m) < 3e-3
 
 
-@pytest.mark.parametrize(("lag_s", "n_frames"), [(0.001, 1), (0.1, 5), (0.5, 25)])
+@pytest.mark.parametrize(("lag_s", "n_frames"), [(0.001, 1), pytest.param(0.1, 5, marks=pytest.mark.slow), (0.5, 25)])
 def test_the_lagged_estimate_is_one_lag_old(
     lag_s: float, n_frames: int, mocap_clear: Scene, rig: fgpose.CameraRig
 ) -> None:
@@ -144,7 +144,7 @@ def test_covariance_covers_the_error(mocap_clear: Scene, rig: fgpose.CameraRig) 
 
 
 @pytest.mark.parametrize("solver", ["isam2"], indirect=True)
-@pytest.mark.parametrize("lag_s", [0.001, 0.1])
+@pytest.mark.parametrize("lag_s", [pytest.param(0.001, marks=pytest.mark.slow), 0.1])
 def test_the_lagged_covariance_is_the_marginal_of_the_window(
     lag_s: float, mocap_clear: Scene, rig: fgpose.CameraRig
 ) -> None:
@@ -319,7 +319,7 @@ EACH_FRAME_ALONE = {
     [
         {"symmetry": {"form": "frame"}},
         {"projection": {"weighting": "uniform"}},
-        {"projection": {"weighting": "confidence"}},
+        pytest.param({"projection": {"weighting": "confidence"}}, marks=pytest.mark.slow),
         {"projection": {"kernel": "none"}},
         {"depth": {"use": "always"}},
     ],

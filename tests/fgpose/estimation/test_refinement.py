@@ -53,7 +53,7 @@ def solved_by_scipy(observations: Observations, rig: CameraRig, px_per_mm: float
     return np.stack(poses_m)
 
 
-@pytest.mark.parametrize("px_per_mm", [1.0, 0.2, 5.0])
+@pytest.mark.parametrize("px_per_mm", [pytest.param(1.0, marks=pytest.mark.slow), 0.2, 5.0])
 def test_is_the_minimum_of_equation_5(walking_scene, rig, px_per_mm):
     observations = walking_scene.observations.frames(slice(0, 60, 15))
     config = Config(refinement=RefinementConfig(px_per_mm=px_per_mm))

@@ -61,7 +61,7 @@ def batch(seen: fgpose.Observations, rig: fgpose.CameraRig) -> np.ndarray:
     return fgpose.smooth(seen, rig).positions_m
 
 
-@pytest.mark.parametrize("estimated", [by_frames, by_images, clocks, batch])
+@pytest.mark.parametrize("estimated", [pytest.param(by_frames, marks=pytest.mark.slow), by_images, clocks, batch])
 def test_resolution_changes_nothing(
     estimated: Callable[[fgpose.Observations, fgpose.CameraRig], np.ndarray], scene: Scene
 ) -> None:

@@ -37,7 +37,7 @@ def test_all_coordinates_are_the_model_s_and_within_its_ranges() -> None:
         assert np.isnan(value) or lowest <= value <= highest, name
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("side", [pytest.param("left", marks=pytest.mark.slow), "right"])
 def test_the_model_takes_the_posture_of_the_joints(side: str) -> None:
     rng = np.random.default_rng(5)
     body = trajectory(np.stack([built(random_angles(rng)) for _ in range(50)]))

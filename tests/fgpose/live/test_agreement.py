@@ -107,8 +107,15 @@ def look(
     return noticed_s
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
-@pytest.mark.parametrize("behaviour", ["walks", "stands"])
+@pytest.mark.parametrize(
+    ("n_cameras", "behaviour"),
+    [
+        (3, "walks"),
+        (4, "stands"),
+        pytest.param(3, "stands", marks=pytest.mark.slow),
+        pytest.param(4, "walks", marks=pytest.mark.slow),
+    ],
+)
 def test_a_camera_that_was_turned_by_a_degree_is_named(
     n_cameras: int, behaviour: Behaviour, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -128,7 +135,14 @@ def test_a_camera_that_was_turned_by_a_degree_is_named(
 
 @pytest.mark.parametrize(
     ("n_cameras", "behaviour", "n_people"),
-    [(2, "walks", 1), (3, "walks", 1), (3, "stands", 1), (4, "walks", 2), (4, "stands", 1), (4, "spot", 1)],
+    [
+        (2, "walks", 1),
+        (3, "walks", 1),
+        (3, "stands", 1),
+        pytest.param(4, "walks", 2, marks=pytest.mark.slow),
+        pytest.param(4, "stands", 1, marks=pytest.mark.slow),
+        (4, "spot", 1),
+    ],
 )
 def test_cameras_that_are_right_are_not_blamed(n_cameras: int, behaviour: Behaviour, n_people: int) -> None:
     walk = scene(n_cameras, behaviour, n_people)
@@ -219,8 +233,10 @@ def test_a_camera_that_is_late_was_not_moved() -> None:
     assert set(agreement.faults) == {"ring_2"}
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
-@pytest.mark.parametrize("late_s", [0.6, -0.6])
+@pytest.mark.parametrize(
+    ("n_cameras", "late_s"),
+    [(3, 0.6), (4, -0.6), pytest.param(3, -0.6, marks=pytest.mark.slow), pytest.param(4, 0.6, marks=pytest.mark.slow)],
+)
 def test_a_clock_that_is_grossly_wrong_is_noticed_at_once(n_cameras: int, late_s: float) -> None:
     """The tracker does not find the person in it. Its clock is not known to a tenth of a second, as that of any camera
     without a measured latency."""

@@ -90,7 +90,7 @@ def test_lost_parts_that_are_grey(watch: Watch) -> None:
     check(watch, "garbled", frames)
 
 
-@pytest.mark.parametrize("shift_px", [(4, 2), (45, -15), (300, 150)])
+@pytest.mark.parametrize("shift_px", [(4, 2), pytest.param((45, -15), marks=pytest.mark.slow), (300, 150)])
 def test_a_camera_that_was_moved(watch: Watch, shift_px: tuple[int, int]) -> None:
     matrix = np.array([[1.0, 0, shift_px[0]], [0, 1.0, shift_px[1]]])
     moved = [cv2.warpAffine(frame, matrix, SIZE_PX, borderMode=cv2.BORDER_WRAP) for frame in walker(30, first=80)]

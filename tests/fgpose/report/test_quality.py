@@ -265,7 +265,8 @@ OTHER_FAULTS = [
     ("plant", "subject", "words"),
     [
         (other_camera, "ring_2", "disagrees with the others"),
-        (late_camera, "ring_1", "takes its images 0.9 frames"),
+        # Fast in test_a_late_camera_is_late_by_no_more_than_it_is.
+        pytest.param(late_camera, "ring_1", "takes its images 0.9 frames", marks=pytest.mark.slow),
         (blind_camera, "ring_3", "sees 20 %"),
         (hallucinating_camera, "ring_0", "probably hallucinated"),
         (swapping_camera, "ring_3", "exchanges left and right of the body in 9.7 %"),
@@ -373,7 +374,7 @@ def hallucinated_arm(walk: FinishedRecording, n_cameras: int) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
+@pytest.mark.parametrize("n_cameras", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_an_arm_on_which_no_cameras_agree_is_one_finding_of_the_joints(walk: FinishedRecording, n_cameras: int) -> None:
     (reason,) = hallucinated_arm(walk, n_cameras)
     assert reason.startswith(

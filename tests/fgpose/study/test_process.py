@@ -199,7 +199,11 @@ def missing(path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("spoil", "reason"),
-    [(empty, "run.npz"), (truncated, "run.npz: a damaged npz"), (missing, "run.npz: No such file or directory")],
+    [
+        (empty, "run.npz"),
+        pytest.param(truncated, "run.npz: a damaged npz", marks=pytest.mark.slow),
+        (missing, "run.npz: No such file or directory"),
+    ],
 )
 def test_bad_keypoints_fail_with_their_reason(study_file: Path, spoil: Callable[[Path], None], reason: str) -> None:
     spoilt = first(study_file).source

@@ -22,6 +22,7 @@ from fgpose.study import Plan, load_study, process
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresNetwork, SquaresScene
 
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 STUDY = """
 output = "results"
 [data]

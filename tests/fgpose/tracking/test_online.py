@@ -144,7 +144,7 @@ def test_bad_per_view_3d_is_named_and_changes_nothing(scene: CrowdScene):
     tracker.update([second])
 
 
-@pytest.mark.parametrize("n_wrong", [1, 3])
+@pytest.mark.parametrize("n_wrong", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_one_wrong_stamp_changes_nothing(scene: CrowdScene, n_wrong: int):
     """Whoever is tracked is tracked on, and the other cameras are heard."""
     trackers = [fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST) for _ in range(2)]

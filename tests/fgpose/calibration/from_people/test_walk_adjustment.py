@@ -79,7 +79,7 @@ def test_the_first_camera_and_the_unit_of_a_body_are_the_gauge(noisy: AdjustedWa
     np.testing.assert_array_equal(noisy.covariance[0], 0.0)
 
 
-@pytest.mark.parametrize("ratio", [0.65, 1.4])
+@pytest.mark.parametrize("ratio", [pytest.param(0.65, marks=pytest.mark.slow), 1.4])
 def test_an_unknown_focal_length_is_found(ratio: float) -> None:
     start = started(RIG, ratio=ratio)
     found = adjust(walk(RIG, 600, DetectionNoise()), start, unknown_lenses=lens_groups(start), config=MORE)

@@ -39,8 +39,19 @@ def segment_of(
     return Segment.of_recording(gather(observations, rig, config), rig, observations.skeleton, config)
 
 
-@pytest.mark.parametrize("n_cameras", [2, 4])
-@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize(
+    ("noise", "n_cameras"),
+    [
+        ("white", 4),
+        ("as usual", 4),
+        ("all correlated", 2),
+        ("constant", 2),
+        pytest.param("white", 2, marks=pytest.mark.slow),
+        pytest.param("as usual", 2, marks=pytest.mark.slow),
+        pytest.param("all correlated", 4, marks=pytest.mark.slow),
+        pytest.param("constant", 4, marks=pytest.mark.slow),
+    ],
+)
 def test_the_ellipsoids_hold_as_many_errors_as_they_should(
     noise: str, n_cameras: int, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:

@@ -94,7 +94,7 @@ def test_clocks_and_offsets_of_the_rig_are_the_same_thing(smoothed: dict[str, fg
     np.testing.assert_allclose(smoothed["clocks"].positions_m, smoothed["rig"].positions_m, atol=1e-9)
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
+@pytest.mark.parametrize("n_cameras", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_no_delay_changes_nothing_at_all(n_cameras: int, skeleton: fgpose.Skeleton) -> None:
     """Not a digit: cameras that tell the same time are synchronous, and offsets of zero are none."""
     rig = ring_rig(n_cameras=n_cameras)

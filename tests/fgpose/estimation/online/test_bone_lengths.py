@@ -186,7 +186,7 @@ def test_a_hallucination_that_was_taken_back_counts_no_more(rig: CameraRig, skel
     assert abs(forearm_m(taken_back) - truth_m) < 0.005
 
 
-@pytest.mark.parametrize("size", [0.65, 1.0, 1.2])
+@pytest.mark.parametrize("size", [0.65, *(pytest.param(size, marks=pytest.mark.slow) for size in (1.0, 1.2))])
 def test_children_and_tall_people_are_within_what_is_stated(rig: CameraRig, skeleton: Skeleton, size: float) -> None:
     """From the first tenth of a second on, in which most of what is known are the proportions of other people; where
     detections are hallucinated, when half a second has told which."""

@@ -133,7 +133,7 @@ def noisy(rig: CameraRig, skeleton: Skeleton, sigma_px: float, n_frames: int = 1
     return simulate(walking(n_frames, FPS, skeleton), skeleton, rig, FPS, noise, NO_OCCLUSION, seed=0)
 
 
-@pytest.mark.parametrize("sigma_px", [2.0, 5.0, 12.0])
+@pytest.mark.parametrize("sigma_px", [2.0, pytest.param(5.0, marks=pytest.mark.slow), 12.0])
 def test_the_spread_is_that_of_the_recording(sigma_px: float, rig: CameraRig, skeleton: Skeleton) -> None:
     residuals = smoothed(noisy(rig, skeleton, sigma_px), rig)
     true_m = np.sqrt(np.mean((sigma_px / residuals.px_per_m) ** 2, axis=(0, 2)))

@@ -26,7 +26,13 @@ SIDE_PX = 1080
 FRAMES = (5, 50, 95)
 
 
-@pytest.fixture(scope="module", params=MODELS, ids=lambda model: model.name)
+# The heavy one takes longest, and shows with more weights what the others show.
+SOME_FAST = [
+    pytest.param(model, id=model.name, marks=[pytest.mark.slow] if "heavy" in model.name else []) for model in MODELS
+]
+
+
+@pytest.fixture(scope="module", params=SOME_FAST)
 def model(request: pytest.FixtureRequest) -> Model:
     return request.param
 
