@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Checking the shapes of all arguments takes a fifth of the time, so it is left to `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test slow-tests test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-faults benchmark-quick soak live-soak constraints format clean
+.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test artifacts slow-tests test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-faults benchmark-quick soak live-soak constraints format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -39,9 +39,13 @@ demo-live: $(STAMP)
 demo-study: $(STAMP)
 	$(BIN)/fgpose demo --study --output out
 
-# The types keep one core at work for longer than the documentation the other, which has time for the benchmark.
-test: lint pytest
-	$(MAKE) --no-print-directory -j2 types docs benchmark-quick wheel
+# The types take one core for three minutes: meanwhile the tests share the other, and no core waits.
+test: lint
+	$(MAKE) --no-print-directory --output-sync=none -j2 types pytest
+
+# What is made of the code: the documentation, the errors of the quick benchmark, the wheel in a clean environment.
+artifacts: $(STAMP)
+	$(MAKE) --no-print-directory -j2 docs benchmark-quick wheel
 
 # The fast tests on every Python that fgpose supports and that is installed, each in an environment of its own.
 test-matrix:

@@ -42,7 +42,8 @@ def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
     try:
         covariance = about_centroid(adjusted.problem.covariance(adjusted.bundle), rig)
     except np.linalg.LinAlgError:
-        return BoardSigmas(*np.full((5, n_cameras), np.inf))
+        unknown = np.full(n_cameras, np.inf)
+        return BoardSigmas(unknown, unknown, unknown, unknown, unknown)
     disagreement = max(adjusted.problem.disagreement(adjusted.bundle), 1.0)
     covariance *= disagreement**2
     variances = np.einsum("cici->ci", covariance)
