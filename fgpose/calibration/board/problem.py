@@ -206,20 +206,19 @@ class BoardProblem:
         the squares of these changes is chi-squared; the unknowns take one degree of freedom each.
         """
         residual, jacobian = self._linearized(state)
-        of_cameras, of_board = jacobian[..., :-6], jacobian[..., -6:]
-        by_camera = self.columns.reshape(len(self._kinds), N_OF_CAMERA, self.n_shared)
-        by_shared = of_cameras @ by_camera
-        boards = np.einsum("tcra,tcrb->tab", of_board, of_board)
-        cross = np.einsum("tcrs,tcra->tsa", by_shared, of_board, optimize=True)
-        taken = cross @ np.linalg.inv(boards)
-        pull = np.einsum("tcr,tcrs->ts", residual, by_shared)
-        pull -= np.einsum("tsa,tcr,tcra->ts", taken, residual, of_board, optimize=True)
-        information = np.einsum("tcrs,tcrq->tsq", by_shared, by_shared, optimize=True) - taken @ cross.swapaxes(1, 2)
-        # Of one unit each: pixels, radians and coefficients.
+        products, pull = jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("tcr,tcrk->tck", residual, jacobian)
+        by_shared = self.columns.reshape(len(self._kinds), N_OF_CAMERA, self.n_shared)
+        information = np.einsum("cks,tckl,clq->tsq", by_shared, products[..., :-6, :-6], by_shared, optimize=True)
+        cross = np.einsum("cks,tcka->tsa", by_shared, products[..., :-6, -6:])
+        taken = cross @ np.linalg.inv(products[..., -6:, -6:].sum(axis=1))
+        information -= taken @ cross.swapaxes(1, 2)
+        pulls = np.einsum("cks,tck->ts", by_shared, pull[..., :-6])
+        pulls -= np.einsum("tsa,ta->ts", taken, pull[..., -6:].sum(axis=1))
+        # The unknowns have different units: each is counted in what all moments say of it.
         scale = np.sqrt(np.einsum("tss->s", information))
         strength, directions = np.linalg.eigh(information / np.outer(scale, scale))
         told = strength > _TOLD * strength.max(axis=-1, keepdims=True, initial=0.0)
-        squares = np.einsum("tsk,ts->tk", directions, pull / scale) ** 2
+        squares = np.einsum("tsk,ts->tk", directions, pulls / scale) ** 2
         freedom = int(told.sum()) - self.n_shared
         return float(np.sqrt(np.sum(squares[told] / strength[told]) / freedom)) if freedom > 0 else 1.0
 
