@@ -16,7 +16,7 @@ from fgpose.geometry.up_axis import UpAxis, up_vector
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.recording import WALK
 from fgpose.viewer.rerun import palette, paths
-from fgpose.viewer.rerun.scene import viewing_distance_m, viewing_target_m
+from fgpose.viewer.rerun.scene import viewing_target_m
 
 # High enough to see the floor, low enough that nobody is foreshortened.
 _EYE_ELEVATION_RAD = math.radians(20)
@@ -63,7 +63,12 @@ def _layout(
 
 
 def _top(
-    rig: CameraRig, up: UpAxis, *, name: str = "", left_out: Sequence[str] = (), overview: bool = False
+    rig: CameraRig,
+    up: UpAxis,
+    *,
+    name: str = "",
+    left_out: Sequence[str] = (),
+    eye: tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]] | None = None,
 ) -> rrb.Horizontal:
     """The scene beside the pictures.
 
@@ -72,18 +77,22 @@ def _top(
         up: the world axis that points up.
         name: of what is shown.
         left_out: paths of what is not.
-        overview: look at all cameras from above.
+        eye: its position and target; None: as eye_m has them.
     """
     grid = rrb.Grid(contents=[_image_view(camera, left_out) for camera in rig.names], grid_columns=_image_columns(rig))
-    return rrb.Horizontal(_scene_view(rig, up, left_out, overview), grid, column_shares=[3, 2], name=name or None)
+    return rrb.Horizontal(
+        _scene_view(rig, up, left_out, eye or eye_m(rig, up)), grid, column_shares=[3, 2], name=name or None
+    )
 
 
 def _contents(left_out: Sequence[str]) -> list[str]:
     return ["$origin/**", *(f"- /{path}/**" for path in left_out)]
 
 
-def _scene_view(rig: CameraRig, up: UpAxis, left_out: Sequence[str], overview: bool) -> rrb.Spatial3DView:
-    position_m, target_m = eye_m(rig, up, overview=overview)
+def _scene_view(
+    rig: CameraRig, up: UpAxis, left_out: Sequence[str], eye: tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]
+) -> rrb.Spatial3DView:
+    position_m, target_m = eye
     return rrb.Spatial3DView(
         origin=paths.WORLD,
         contents=_contents(left_out),
@@ -121,12 +130,19 @@ def _image_columns(rig: CameraRig) -> int:
 
 
 def eye_m(
-    rig: CameraRig, up: UpAxis, *, overview: bool = False
+    rig: CameraRig, up: UpAxis, *, overview: bool = False, around_m: Float[np.ndarray, " 3"] | None = None
 ) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
     """Position and target of the eye: between two cameras, so that none of them hides the person, where the gap is wide
-    and all cameras are seen from near by."""
+    and all cameras are seen from near by.
+
+    Args:
+        rig: the cameras.
+        up: the world axis that points up.
+        overview: look at all cameras from above.
+        around_m: where what they saw was, as of viewing_target_m.
+    """
     vertical = up_vector(up)
-    target_m = viewing_target_m(rig)
+    target_m = viewing_target_m(rig, around_m)
     first = np.roll(vertical, 1)
     second = np.cross(vertical, first)
     offsets_m = rig.positions_m - target_m
@@ -154,7 +170,7 @@ def _least_distance_m(
     beside_m = np.abs(np.stack([offsets_m @ across, offsets_m @ np.cross(outward, across)]))
     # As far before the target as a camera is, and as much further as it needs to be in view.
     needed_m = offsets_m @ outward + (beside_m / np.array(_HALF_VIEW)[:, None]).max(axis=0)
-    return max(float(needed_m.max()), _LEAST_EYE_DISTANCE * viewing_distance_m(rig))
+    return max(float(needed_m.max()), _LEAST_EYE_DISTANCE * float(np.linalg.norm(offsets_m, axis=1).mean()))
 
 
 def blueprint(
@@ -266,12 +282,13 @@ def _residual_views(skeleton: Skeleton) -> rrb.Tabs:
     return rrb.Tabs(*views, name="Residuals by joint")
 
 
-def calibration_blueprint(rig: CameraRig, up: UpAxis) -> rrb.Blueprint:
+def calibration_blueprint(rig: CameraRig, up: UpAxis, around_m: Float[np.ndarray, " 3"] | None = None) -> rrb.Blueprint:
     """3D scene and cameras above; below the verdict, the reprojection errors and the epipolar distances.
 
     Args:
         rig: the cameras.
         up: the world axis that points up.
+        around_m: where what they saw was, as of viewing_target_m.
     """
     epipolar = [
         _plot(f"Epipolar [px] {camera}", paths.join(paths.EPIPOLAR_PX, camera), rig.n_cameras) for camera in rig.names
@@ -282,4 +299,8 @@ def calibration_blueprint(rig: CameraRig, up: UpAxis) -> rrb.Blueprint:
         _beside_legend(rrb.Tabs(*epipolar, active_tab=0), paths.CAMERA_LEGEND, rig.n_cameras),
         column_shares=[3, 3, 4],
     )
-    return _layout([_top(rig, up, left_out=[paths.VIEWS], overview=True)], plots, following=False)
+    return _layout(
+        [_top(rig, up, left_out=[paths.VIEWS], eye=eye_m(rig, up, overview=True, around_m=around_m))],
+        plots,
+        following=False,
+    )

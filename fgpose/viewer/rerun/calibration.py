@@ -17,7 +17,7 @@ from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.blueprint import calibration_blueprint
 from fgpose.viewer.rerun.recording import RerunRecording
 from fgpose.viewer.rerun.rows import Rows, scalar_rows
-from fgpose.viewer.rerun.scene import frustum_m, log_camera_names, log_line
+from fgpose.viewer.rerun.scene import frustum_m, log_camera_names, log_cameras, log_line
 from fgpose.viewer.rerun.session import Target
 
 # Radius of the ball that holds 90 % of a Gaussian in three dimensions, in standard deviations of one axis.
@@ -30,11 +30,13 @@ _MIN_WIDTH_M = 0.05
 
 
 def log_calibration_scene(stream: rr.RecordingStream, rig: CameraRig, scene: CalibrationScene, up: UpAxis) -> None:
-    """Static: covariances and former poses of the cameras, the way of the hips and the floor under it, the vertical,
-    the report."""
+    """Static: the cameras, their covariances and former poses, the way of the hips and the floor under it, the
+    vertical, the report."""
+    around_m = _middle_m(scene.path_m)
+    log_cameras(stream, rig, up, [palette.camera_colour(c) for c in range(rig.n_cameras)], around_m)
     _log_sigmas(stream, rig, scene.position_sigma_m)
     if scene.before is not None:
-        _log_before(stream, scene.before, rig)
+        _log_before(stream, scene.before, rig, frustum_m(rig, around_m))
     _log_coverage(stream, rig, scene)
     strips = _strips(scene.path_m)
     stream.log(paths.WALKED, rr.LineStrips3D(strips, radii=_LINE, colors=palette.PATH), static=True)
@@ -68,7 +70,9 @@ def _log_sigmas(stream: rr.RecordingStream, rig: CameraRig, position_sigma_m: Fl
     )
     stream.log(paths.CAMERA_SIGMAS, balls, static=True)
     texts = [
-        f"{name} ± {1000 * sigma_m:.0f} mm" if np.isfinite(sigma_m) else name
+        f"{name} ± {np.format_float_positional(1000 * sigma_m, 2, fractional=False, trim='-')} mm"
+        if np.isfinite(sigma_m)
+        else name
         for name, sigma_m in zip(rig.names, position_sigma_m.tolist(), strict=True)
     ]
     log_camera_names(stream, rig, texts, [palette.camera_colour(c) for c in range(rig.n_cameras)])
@@ -85,11 +89,10 @@ def _log_coverage(stream: rr.RecordingStream, rig: CameraRig, scene: Calibration
             stream.log(f"{path}/frame", frame, static=True)
 
 
-def _log_before(stream: rr.RecordingStream, before: CameraRig, rig: CameraRig) -> None:
+def _log_before(stream: rr.RecordingStream, before: CameraRig, rig: CameraRig, reach_m: float) -> None:
     """The cameras that have moved, as they were, each with an arrow to where it is now."""
     pairs = zip(before.cameras, rig.cameras, strict=True)
     moved = [(old, new) for old, new in pairs if not np.allclose(old.world_T_camera, new.world_T_camera, atol=1e-9)]
-    reach_m = frustum_m(rig)
     for old, _ in moved:
         entity = paths.join(paths.CAMERAS_BEFORE, old.name)
         pose = rr.Transform3D(translation=old.position_m, mat3x3=old.world_T_camera[:3, :3])
@@ -111,6 +114,12 @@ def _log_before(stream: rr.RecordingStream, before: CameraRig, rig: CameraRig) -
             colors=palette.BEFORE,
         )
         stream.log(paths.CAMERA_MOVES, arrows, static=True)
+
+
+def _middle_m(path_m: Float[np.ndarray, "frame 3"]) -> Float[np.ndarray, " 3"] | None:
+    """Where the walker mostly was; None: never known."""
+    known_m = path_m[np.isfinite(path_m).all(axis=1)]
+    return np.median(known_m, axis=0) if len(known_m) else None
 
 
 def _strips(path_m: Float[np.ndarray, "frame 3"]) -> list[np.ndarray]:
@@ -165,4 +174,6 @@ class RerunCalibrationRecording(RerunRecording, CalibrationRecording):
                 f"the cameras before are {', '.join(scene.before.names)}, not {', '.join(self._rig.names)}"
             )
         log_calibration_scene(self._open_stream, self._rig, scene, self._up)
+        # Cameras side by side do not tell how far away they look: a board may be at arm's length.
+        self._open_stream.send_blueprint(calibration_blueprint(self._rig, self._up, _middle_m(scene.path_m)))
         self._send(epipolar_rows(self._rig, scene.epipolar_px), scene.time_s)

@@ -35,12 +35,19 @@ _BONE_RADIUS_M = 0.009
 _PREDICTED_SCALE = 0.5
 
 
-def log_cameras(stream: rr.RecordingStream, rig: CameraRig, up: UpAxis, colours: Sequence[Colour]) -> None:
-    """The world and the cameras in it, each in its colour, ready for their pictures and detections."""
+def log_cameras(
+    stream: rr.RecordingStream,
+    rig: CameraRig,
+    up: UpAxis,
+    colours: Sequence[Colour],
+    around_m: Float[np.ndarray, " 3"] | None = None,
+) -> None:
+    """The world and the cameras in it, each in its colour, ready for their pictures and detections; around_m as of
+    viewing_target_m."""
     sign = "UP" if up[0] == "+" else "DOWN"
     stream.log(paths.WORLD, getattr(rr.ViewCoordinates, f"RIGHT_HAND_{up[1].upper()}_{sign}"), static=True)
     for camera, colour in zip(rig.cameras, colours, strict=True):
-        _log_camera(stream, camera, colour, frustum_m(rig))
+        _log_camera(stream, camera, colour, frustum_m(rig, around_m))
     log_camera_names(stream, rig, rig.names, colours)
     log_legend(stream, paths.CAMERA_LEGEND, rig.names, [palette.camera_colour(c) for c in range(rig.n_cameras)])
 
@@ -72,27 +79,28 @@ def log_legend(stream: rr.RecordingStream, path: str, names: Sequence[str], colo
     stream.log(path, legend, static=True)
 
 
-def frustum_m(rig: CameraRig) -> float:
+def frustum_m(rig: CameraRig, around_m: Float[np.ndarray, " 3"] | None = None) -> float:
     """How far the frusta of cameras reach."""
-    return _FRUSTUM_SHARE * viewing_distance_m(rig)
+    return _FRUSTUM_SHARE * viewing_distance_m(rig, around_m)
 
 
-def viewing_target_m(rig: CameraRig) -> Float[np.ndarray, " 3"]:
-    """Where the cameras look: the point nearest to all optical axes, with a weak prior at a point in front of them."""
+def viewing_target_m(rig: CameraRig, around_m: Float[np.ndarray, " 3"] | None = None) -> Float[np.ndarray, " 3"]:
+    """Where the cameras look: the point nearest to all optical axes, with a weak prior around what they saw; None: that
+    is not known, and taken to be in front of them."""
     forward = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
     position_m = rig.positions_m
-    ahead_m = (position_m + _DEFAULT_DISTANCE_M * forward).mean(axis=0)
+    prior_m = (position_m + _DEFAULT_DISTANCE_M * forward).mean(axis=0) if around_m is None else around_m
     across = np.eye(3) - forward[:, :, None] * forward[:, None]
     # The prior determines the depth where there is one camera, or where all are parallel.
     tie = 0.01 * np.eye(3)
     return np.linalg.solve(
-        across.sum(axis=0) + tie, (across @ position_m[:, :, None]).sum(axis=0)[:, 0] + tie @ ahead_m
+        across.sum(axis=0) + tie, (across @ position_m[:, :, None]).sum(axis=0)[:, 0] + tie @ prior_m
     )
 
 
-def viewing_distance_m(rig: CameraRig) -> float:
+def viewing_distance_m(rig: CameraRig, around_m: Float[np.ndarray, " 3"] | None = None) -> float:
     """Mean distance of the cameras from where they look."""
-    target_m = viewing_target_m(rig)
+    target_m = viewing_target_m(rig, around_m)
     return float(np.mean([np.linalg.norm(camera.position_m - target_m) for camera in rig.cameras]))
 
 

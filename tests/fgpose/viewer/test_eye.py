@@ -55,3 +55,21 @@ def test_all_cameras_are_in_view(azimuths_deg: tuple[int, ...], up: UpAxis, over
     # No camera hides the person: one before them is 15 degrees off the line of sight.
     is_between = depth < np.linalg.norm(position_m - target_m)
     assert (np.hypot(x, y)[is_between] > np.tan(np.deg2rad(15)) * depth[is_between]).all()
+
+
+def test_a_board_at_arms_length_before_two_cameras_side_by_side_is_seen_from_near_by() -> None:
+    """Their axes meet nowhere: only where the board was tells how far away they look."""
+    from fgpose.viewer.rerun.blueprint import eye_m
+    from fgpose.viewer.rerun.scene import frustum_m
+
+    vertical, board_m = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.4, 0.0])
+    cameras = []
+    for number, place_m in enumerate([np.array([-0.04, 0.0, 0.0]), np.array([0.04, 0.0, 0.0])]):
+        world_T = world_T_looking(place_m, place_m + np.array([0.0, 1.0, 0.0]), vertical)
+        cameras.append(Camera(f"cam{number}", (1920, 1080), _K, world_T, np.zeros(0)))
+    rig = CameraRig(tuple(cameras))
+    position_m, target_m = eye_m(rig, "+z", overview=True, around_m=board_m)
+    np.testing.assert_allclose(target_m, board_m, atol=1e-6)
+    assert np.linalg.norm(position_m - board_m) < 1
+    assert frustum_m(rig, board_m) < 0.1
+    assert np.linalg.norm(eye_m(rig, "+z", overview=True)[0] - board_m) > 2
