@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from fgpose.correspondences import NO_IMAGE
 from fgpose.sampling import nearest
 
 if TYPE_CHECKING:
+    from fgpose.monocular.clips import Clip
     from fgpose.monocular.detected import Detected
     from fgpose.monocular.sources import Sources
     from fgpose.pipeline import SeenWalk
@@ -54,11 +56,34 @@ def show_walk_images(detected: Detected, seen: SeenWalk, recording: CalibrationR
     from fgpose.pipeline import show_walk
 
     show_walk(seen, recording)
-    time_s = seen.walk.time_s
-    image = np.full((len(time_s), seen.rig.n_cameras), NO_IMAGE)
-    for c, camera in enumerate(seen.rig.cameras):
-        taken_s = detected.people.times_s(camera.name) + camera.time_offset_s
-        number = nearest(time_s, taken_s)
-        is_near = np.abs(taken_s[number] - time_s) <= _REACH * float(np.median(np.diff(taken_s)))
+    taken_s = [detected.people.times_s(camera.name) + camera.time_offset_s for camera in seen.rig.cameras]
+    sources = detected.recalibrated(seen.rig).sources
+    show_matched_images(sources, _nearest_images(taken_s, seen.walk.time_s), seen.walk.time_s, recording)
+
+
+def show_board_images(
+    clips: Sequence[Clip], start_s: Float[np.ndarray, " camera"] | None, seen: SeenWalk, recording: CalibrationRecording
+) -> None:
+    """The same of a calibration with a board; start_s: when each camera began, None: all at once."""
+    from fgpose.monocular.sources import Sources
+    from fgpose.pipeline import show_walk
+
+    show_walk(seen, recording)
+    begins_s = np.zeros(len(clips)) if start_s is None else start_s
+    taken_s = [
+        clip.times_s(clip.stamps_s()[: clip.n_images]) + begin_s for clip, begin_s in zip(clips, begins_s, strict=True)
+    ]
+    image = _nearest_images(taken_s, seen.walk.time_s)
+    show_matched_images(Sources(seen.rig, tuple(clips)), image, seen.walk.time_s, recording)
+
+
+def _nearest_images(
+    taken_s: Sequence[Float[np.ndarray, " _"]], time_s: Float[np.ndarray, " frame"]
+) -> Int[np.ndarray, "frame camera"]:
+    """Of each camera the image that is nearest to each frame; NO_IMAGE: none is near."""
+    image = np.full((len(time_s), len(taken_s)), NO_IMAGE)
+    for c, own_s in enumerate(taken_s):
+        number = nearest(time_s, own_s)
+        is_near = np.abs(own_s[number] - time_s) <= _REACH * float(np.median(np.diff(own_s)))
         image[is_near, c] = number[is_near]
-    show_matched_images(detected.recalibrated(seen.rig).sources, image, time_s, recording)
+    return image

@@ -51,7 +51,11 @@ def write_calibration(
 
 
 def write_board_calibration(
-    result: CalibratedFromBoards, path: Path, file_format: RigFormat = "auto", rrd: Path | None = None
+    result: CalibratedFromBoards,
+    path: Path,
+    file_format: RigFormat = "auto",
+    rrd: Path | None = None,
+    display: Display | None = None,
 ) -> tuple[Path, ...]:
     """The same of a calibration with boards.
 
@@ -60,7 +64,7 @@ def write_board_calibration(
     """
     rig = None if result.grade is Grade.FAILED else result.rig
     known = replace(calibration_from_boards(result), step="calibrate")
-    return _write(rig, known, path, file_format, rrd, lambda: of_boards(result), None)
+    return _write(rig, known, path, file_format, rrd, lambda: of_boards(result), display)
 
 
 def write_board_lenses(results: Sequence[CalibratedFromBoards], path: Path) -> tuple[Path, ...]:

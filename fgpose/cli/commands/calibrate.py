@@ -16,7 +16,7 @@ from fgpose.cli.commands.detect import NetworkOptions, quieten_decoder
 from fgpose.cli.console import new_console
 from fgpose.cli.delivery import look_at
 from fgpose.cli.from_people import FromPeopleOptions, parse_size, print_calibrated, say_not_written
-from fgpose.cli.pictures import show_walk_images
+from fgpose.cli.pictures import show_board_images, show_walk_images
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -65,7 +65,7 @@ class RecordingToCalibrate(FromPeopleOptions):
     rrd: bool = True
     """Write the scene for the viewer."""
     images: bool = True
-    """Show the images of videos in it, shrunk to at most 640 px."""
+    """Show the images in it, shrunk to at most 640 px."""
     fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: of the videos)")] = None
     """Frames per second; needed for keypoints without times and for images."""
     cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
@@ -185,7 +185,8 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
                 say_not_written(self.output)
             return 0 if written else FAILED
         result = self.calibrated_with_board(clips, self.intrinsics)
-        written = write_board_calibration(result, self.output, self.format, self._scene)
+        display = partial(show_board_images, clips, result.start_s) if self.images else None
+        written = write_board_calibration(result, self.output, self.format, self._scene, display)
         print_board_calibration(new_console(), result, written)
         if result.grade is Grade.FAILED:
             say_not_written(self.output)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from filmed_boards import FILMED, film, film_carried
-from rrd_contents import static_values
+from rrd_contents import rows, static_values
 
 import fgpose
 from fgpose.assessment.rigs import angle_deg
@@ -60,6 +60,15 @@ def test_images_become_a_rig(
         # All corners that are used, and nothing else, are shown in the image.
         points_px = static_values(tmp_path / "rig.rrd", f"/world/camera/{name}/image/coverage", "Points2D:positions")
         assert len(points_px) == np.sum(known.coverage[name]) > 100
+        # Behind the corners of each moment is the image that they were found in, which has its number for its time.
+        image = f"/world/camera/{name}/image"
+        pictures, corners = (
+            rows(tmp_path / "rig.rrd", f"{image}/{what}", component)
+            for what, component in (("picture", "EncodedImage:blob"), ("detections", "Points2D:positions"))
+        )
+        assert {each: time_s for each, (time_s, _) in pictures.items()} == {
+            each: time_s for each, (time_s, _) in corners.items()
+        }
     assert made_by(path) == "calibrate"
 
 
