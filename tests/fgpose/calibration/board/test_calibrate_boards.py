@@ -71,8 +71,8 @@ def test_moments_disagree_as_far_as_corners_of_a_view_err_together(scene: BoardS
     kinds = [LensKind(n_distortion=5, square=False)] * 3
     problem = BoardProblem(scene.sightings, kinds, np.full(3, 0.2))
     solved = problem.solve(bundle_of(scene)).state
-    # With some 1,400 degrees of freedom, chance makes it 2 % more or less.
-    assert problem.disagreement(solved) == pytest.approx(1, abs=0.06)
+    # With some 350 degrees of freedom, chance makes it 4 % more or less: three times that.
+    assert problem.disagreement(solved) == pytest.approx(1, abs=0.12)
     along = scene.sightings.board.points_m[:, 0]
     bend = ((along - along.mean()) / np.ptp(along)) ** 2
     bent_px = np.random.default_rng(1).normal(0, 8 * 0.2, (len(scene.sightings.time_s), 3, 1, 2)) * bend[:, None]
