@@ -7,6 +7,7 @@ import signal
 import socket
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -150,6 +151,15 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
 SLOW_SIGNALS = [pytest.param(name, marks=pytest.mark.slow) for name in ("SIGHUP", "SIGQUIT")]
 
 
+@pytest.fixture
+def hangup_ends() -> Iterator[None]:
+    """Where the tests were begun with nohup, it does not, and live leaves it so."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("hangup_ends")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", *SLOW_SIGNALS])
 def test_a_signal_ends_it_with_the_recording_closed(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
