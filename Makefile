@@ -41,7 +41,7 @@ demo-study: $(STAMP)
 
 # The types take one core for three minutes: meanwhile the tests share the other, and no core waits.
 test: lint
-	$(MAKE) --no-print-directory --output-sync=none -j2 types pytest
+	$(MAKE) --no-print-directory -j2 types pytest
 
 # What is made of the code: the documentation, the errors of the quick benchmark, the wheel in a clean environment.
 artifacts: $(STAMP)

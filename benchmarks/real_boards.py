@@ -68,6 +68,12 @@ def held_out_px(stereo: Stereo, sightings: BoardSightings) -> np.ndarray:
     return np.concatenate(lengths)
 
 
+def halves(sightings: BoardSightings, seed: int) -> list[BoardSightings]:
+    """The moments split at random."""
+    order = np.random.default_rng(seed).permutation(len(sightings.time_s))
+    return [sightings.at_moments(np.sort(part)) for part in np.array_split(order, 2)]
+
+
 def in_sigmas(one: CalibratedFromBoards, other: CalibratedFromBoards) -> np.ndarray:
     """Differences of focal lengths, places and directions in the standard deviations that both state."""
     moved = rig_similarity(one.rig, other.rig, with_scale=False).rig(one.rig)
@@ -91,12 +97,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     errors_px: dict[str, list[np.ndarray]] = {"fgpose": [], "OpenCV": []}
     apart, disagreements = [], []
     for seed in range(splits):
-        order = np.random.default_rng(seed).permutation(len(sightings.time_s))
-        halves = [sightings.at_moments(np.sort(part)) for part in np.array_split(order, 2)]
-        found = [calibrate_from_boards(half) for half in halves]
-        for half, rig, own in zip(reversed(halves), found, halves, strict=True):
-            errors_px["fgpose"].append(held_out_px(as_stereo(rig), half))
-            errors_px["OpenCV"].append(held_out_px(by_opencv(own), half))
+        parts = halves(sightings, seed)
+        found = [calibrate_from_boards(part) for part in parts]
+        for other, rig, own in zip(reversed(parts), found, parts, strict=True):
+            errors_px["fgpose"].append(held_out_px(as_stereo(rig), other))
+            errors_px["OpenCV"].append(held_out_px(by_opencv(own), other))
         apart.append(in_sigmas(found[0], found[1]))
         disagreements += [rig.sigmas.disagreement for rig in found]
     for name, values_px in errors_px.items():

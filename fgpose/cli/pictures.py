@@ -70,9 +70,7 @@ def show_board_images(
 
     show_walk(seen, recording)
     begins_s = np.zeros(len(clips)) if start_s is None else start_s
-    taken_s = [
-        clip.times_s(clip.stamps_s()[: clip.n_images]) + begin_s for clip, begin_s in zip(clips, begins_s, strict=True)
-    ]
+    taken_s = [clip.taken_s() + begin_s for clip, begin_s in zip(clips, begins_s, strict=True)]
     image = _nearest_images(taken_s, seen.walk.time_s)
     show_matched_images(Sources(seen.rig, tuple(clips)), image, seen.walk.time_s, recording)
 

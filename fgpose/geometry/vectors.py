@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 def dot(a: Float[np.ndarray, "*#vectors 3"], b: Float[np.ndarray, "*#vectors 3"]) -> Float[np.ndarray, "*vectors"]:
     """Scalar product of each pair."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
 
 
 def cross(a: Float[np.ndarray, "*#vectors 3"], b: Float[np.ndarray, "*#vectors 3"]) -> Float[np.ndarray, "*vectors 3"]:

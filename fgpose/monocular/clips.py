@@ -136,6 +136,10 @@ class Clip:
         # Where images are predicted from later ones, they are not stored in the order of time.
         return np.sort(np.array(stamps_ms, dtype=float)) / 1000
 
+    def taken_s(self) -> Float[np.ndarray, " image"]:
+        """Time of each image, from its file; see stamps_s and times_s. Raises ValueError as stamps_s."""
+        return self.times_s(self.stamps_s()[: self.n_images])
+
     def times_s(self, stamps_s: Float[np.ndarray, " image"]) -> Float[np.ndarray, " image"]:
         """Time of each of the first images, given the stamps that they were read with.
 

@@ -78,7 +78,7 @@ def boards_in(
     Raises:
         ValueError: no image shows the board, or an image cannot be read; the message names the camera or the file.
     """
-    times_s = [clip.times_s(clip.stamps_s()[: clip.n_images]) for clip in clips]
+    times_s = [clip.taken_s() for clip in clips]
     moments_s, images = _moments(times_s)
     n_images, n_done = int((images >= 0).sum()), 0
 

@@ -175,15 +175,14 @@ class BoardProblem:
 
         _, jacobian = self._linearized(state)
         products = jacobian.swapaxes(-1, -2) @ jacobian
-        n_moments, n_cameras = products.shape[:2]
+        n_cameras = products.shape[1]
         of_cameras = np.zeros((n_cameras, N_OF_CAMERA, n_cameras, N_OF_CAMERA))
         of_cameras[np.arange(n_cameras), :, np.arange(n_cameras)] = products[..., :-6, :-6].sum(axis=0)
         n_rows = n_cameras * N_OF_CAMERA
         shared = self.columns.T @ of_cameras.reshape(n_rows, n_rows) @ self.columns
-        cross = self.columns.T @ products[..., :-6, -6:].reshape(n_moments, n_rows, 6)
+        cross, boards = self._of_boards(products)
         scale = self.damping_scale
-        boards = products[..., -6:, -6:].sum(axis=1) + damping * np.diag(scale[self.n_shared :][:6])
-        inverse_boards = np.linalg.inv(boards)
+        inverse_boards = np.linalg.inv(boards + damping * np.diag(scale[self.n_shared :][:6]))
         reduced = shared + damping * np.diag(scale[: self.n_shared])
         reduced -= np.einsum("tsa,tra->sr", cross @ inverse_boards, cross, optimize=True)
         return _Factorized(cho_factor(reduced), cross, inverse_boards)
@@ -209,8 +208,8 @@ class BoardProblem:
         products, pull = jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("tcr,tcrk->tck", residual, jacobian)
         by_shared = self.columns.reshape(len(self._kinds), N_OF_CAMERA, self.n_shared)
         information = np.einsum("cks,tckl,clq->tsq", by_shared, products[..., :-6, :-6], by_shared, optimize=True)
-        cross = np.einsum("cks,tcka->tsa", by_shared, products[..., :-6, -6:])
-        taken = cross @ np.linalg.inv(products[..., -6:, -6:].sum(axis=1))
+        cross, boards = self._of_boards(products)
+        taken = cross @ np.linalg.inv(boards)
         information -= taken @ cross.swapaxes(1, 2)
         pulls = np.einsum("cks,tck->ts", by_shared, pull[..., :-6])
         pulls -= np.einsum("tsa,ta->ts", taken, pull[..., -6:].sum(axis=1))
@@ -221,6 +220,14 @@ class BoardProblem:
         squares = np.einsum("tsk,ts->tk", directions, pulls / scale) ** 2
         freedom = int(told.sum()) - self.n_shared
         return float(np.sqrt(np.sum(squares[told] / strength[told]) / freedom)) if freedom > 0 else 1.0
+
+    def _of_boards(
+        self, products: Float[np.ndarray, "moment camera 25 25"]
+    ) -> tuple[Float[np.ndarray, "moment shared 6"], Float[np.ndarray, "moment 6 6"]]:
+        """The information of each moment between the cameras and its board, and of the board alone."""
+        n_moments, n_cameras = products.shape[:2]
+        between = products[..., :-6, -6:].reshape(n_moments, n_cameras * N_OF_CAMERA, 6)
+        return self.columns.T @ between, products[..., -6:, -6:].sum(axis=1)
 
     def _squared(self, residual_px: Float[np.ndarray, "moment camera point 2"]) -> Float[np.ndarray, ...]:
         """In standard deviations; zero where nothing is seen."""

@@ -38,6 +38,8 @@ _LEGEND_ROOM, _LEAST_LEGEND_ROOM = 10, 4
 
 _Overrides = dict[Any, list[Any]]
 """How entities look in a view, by their paths."""
+_Eye = tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]
+"""Its position and its target, metres."""
 
 
 def _layout(
@@ -68,7 +70,7 @@ def _top(
     *,
     name: str = "",
     left_out: Sequence[str] = (),
-    eye: tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]] | None = None,
+    eye: _Eye | None = None,
 ) -> rrb.Horizontal:
     """The scene beside the pictures.
 
@@ -77,7 +79,7 @@ def _top(
         up: the world axis that points up.
         name: of what is shown.
         left_out: paths of what is not.
-        eye: its position and target; None: as eye_m has them.
+        eye: from where the scene is looked at; None: as eye_m says.
     """
     grid = rrb.Grid(contents=[_image_view(camera, left_out) for camera in rig.names], grid_columns=_image_columns(rig))
     return rrb.Horizontal(
@@ -89,9 +91,7 @@ def _contents(left_out: Sequence[str]) -> list[str]:
     return ["$origin/**", *(f"- /{path}/**" for path in left_out)]
 
 
-def _scene_view(
-    rig: CameraRig, up: UpAxis, left_out: Sequence[str], eye: tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]
-) -> rrb.Spatial3DView:
+def _scene_view(rig: CameraRig, up: UpAxis, left_out: Sequence[str], eye: _Eye) -> rrb.Spatial3DView:
     position_m, target_m = eye
     return rrb.Spatial3DView(
         origin=paths.WORLD,
@@ -131,7 +131,7 @@ def _image_columns(rig: CameraRig) -> int:
 
 def eye_m(
     rig: CameraRig, up: UpAxis, *, overview: bool = False, around_m: Float[np.ndarray, " 3"] | None = None
-) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+) -> _Eye:
     """Position and target of the eye: between two cameras, so that none of them hides the person, where the gap is wide
     and all cameras are seen from near by.
 

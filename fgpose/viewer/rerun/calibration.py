@@ -29,10 +29,15 @@ _COVERED, _COVERED_ORDER = rr.Radius.ui_points(1.0), 5.0  # below detections
 _MIN_WIDTH_M = 0.05
 
 
-def log_calibration_scene(stream: rr.RecordingStream, rig: CameraRig, scene: CalibrationScene, up: UpAxis) -> None:
+def log_calibration_scene(
+    stream: rr.RecordingStream,
+    rig: CameraRig,
+    scene: CalibrationScene,
+    up: UpAxis,
+    around_m: Float[np.ndarray, " 3"] | None,
+) -> None:
     """Static: the cameras, their covariances and former poses, the way of the hips and the floor under it, the
-    vertical, the report."""
-    around_m = _middle_m(scene.path_m)
+    vertical, the report; around_m as of viewing_target_m."""
     log_cameras(stream, rig, up, [palette.camera_colour(c) for c in range(rig.n_cameras)], around_m)
     _log_sigmas(stream, rig, scene.position_sigma_m)
     if scene.before is not None:
@@ -173,7 +178,8 @@ class RerunCalibrationRecording(RerunRecording, CalibrationRecording):
             raise ValueError(
                 f"the cameras before are {', '.join(scene.before.names)}, not {', '.join(self._rig.names)}"
             )
-        log_calibration_scene(self._open_stream, self._rig, scene, self._up)
         # Cameras side by side do not tell how far away they look: a board may be at arm's length.
-        self._open_stream.send_blueprint(calibration_blueprint(self._rig, self._up, _middle_m(scene.path_m)))
+        around_m = _middle_m(scene.path_m)
+        log_calibration_scene(self._open_stream, self._rig, scene, self._up, around_m)
+        self._open_stream.send_blueprint(calibration_blueprint(self._rig, self._up, around_m))
         self._send(epipolar_rows(self._rig, scene.epipolar_px), scene.time_s)

@@ -81,7 +81,8 @@ def log_legend(stream: rr.RecordingStream, path: str, names: Sequence[str], colo
 
 def frustum_m(rig: CameraRig, around_m: Float[np.ndarray, " 3"] | None = None) -> float:
     """How far the frusta of cameras reach."""
-    return _FRUSTUM_SHARE * viewing_distance_m(rig, around_m)
+    distances_m = np.linalg.norm(rig.positions_m - viewing_target_m(rig, around_m), axis=1)
+    return _FRUSTUM_SHARE * float(distances_m.mean())
 
 
 def viewing_target_m(rig: CameraRig, around_m: Float[np.ndarray, " 3"] | None = None) -> Float[np.ndarray, " 3"]:
@@ -96,12 +97,6 @@ def viewing_target_m(rig: CameraRig, around_m: Float[np.ndarray, " 3"] | None = 
     return np.linalg.solve(
         across.sum(axis=0) + tie, (across @ position_m[:, :, None]).sum(axis=0)[:, 0] + tie @ prior_m
     )
-
-
-def viewing_distance_m(rig: CameraRig, around_m: Float[np.ndarray, " 3"] | None = None) -> float:
-    """Mean distance of the cameras from where they look."""
-    target_m = viewing_target_m(rig, around_m)
-    return float(np.mean([np.linalg.norm(camera.position_m - target_m) for camera in rig.cameras]))
 
 
 def annotation_class(

@@ -103,7 +103,7 @@ def carried_in(
                 f"camera {clip.name}: images have no times, from which starts could be found: say how many there are "
                 "a second with --fps, or take videos"
             )
-    times_s = [clip.times_s(clip.stamps_s()[: clip.n_images]) for clip in clips]
+    times_s = [clip.taken_s() for clip in clips]
     coarse = [_coarse(clip, own_s) for clip, own_s in zip(clips, times_s, strict=True)]
     looked = _Looked(clips, board, times_s, progress)
     looked.at(coarse)

@@ -45,9 +45,8 @@ def test_images_become_the_rig_that_opencv_finds(
 def test_halves_of_the_views_agree_within_what_both_state(sightings: BoardSightings) -> None:
     squares = []
     for seed in range(8):
-        order = np.random.default_rng(seed).permutation(len(sightings.time_s))
-        halves = [calibrate_from_boards(sightings.at_moments(np.sort(part))) for part in np.split(order, [6])]
-        squares.append(real_boards.in_sigmas(halves[0], halves[1]) ** 2)
+        one, other = (calibrate_from_boards(half) for half in real_boards.halves(sightings, seed))
+        squares.append(real_boards.in_sigmas(one, other) ** 2)
     # 1 is right, and the noise of the corners alone would make it 2.2.
     assert 0.7 < np.sqrt(np.mean(squares)) < 1.4
 
