@@ -31,6 +31,8 @@ _FRUSTUM_SHARE = 0.14
 # Thick enough to be seen from the distance of the cameras, thinner than a wrist.
 _JOINT_RADIUS_M = 0.017
 _BONE_RADIUS_M = 0.009
+# And no thicker than such a share of their length: of fingers and faces, and of a board of small squares.
+_JOINT_SHARE, _BONE_SHARE = 0.2, 0.1
 # A predicted joint is half as thick as an observed one, and paler.
 _PREDICTED_SCALE = 0.5
 
@@ -208,9 +210,22 @@ def _skeleton_rows(path: str, trajectory: Trajectory, colour: Colour, thickness:
     pair = np.array([faded(colour), colour], dtype=np.uint8)
     scale = thickness * np.array([_PREDICTED_SCALE, 1.0])
     joint, bone = observed.astype(int), bone_observed.astype(int)
-    radii = _JOINT_RADIUS_M * scale[joint]
-    yield point_rows(f"{path}/joints", rr.Points3D, trajectory.positions_m, pair[joint], radii)
-    yield bone_rows(f"{path}/bones", trajectory.positions_m, bones, pair[bone], _BONE_RADIUS_M * scale[bone])
+    joint_m, bone_m = _radii_m(trajectory.positions_m, bones)
+    yield point_rows(f"{path}/joints", rr.Points3D, trajectory.positions_m, pair[joint], joint_m * scale[joint])
+    yield bone_rows(f"{path}/bones", trajectory.positions_m, bones, pair[bone], bone_m * scale[bone])
+
+
+def _radii_m(
+    positions_m: Float[np.ndarray, "frame joint 3"], bones: Sequence[tuple[int, int]]
+) -> tuple[Float[np.ndarray, " joint"], Float[np.ndarray, " bone"]]:
+    """Of the joints and of the bones, at full thickness."""
+    a, b = np.array(bones, dtype=int).reshape(-1, 2).T
+    lengths_m = median_of_known(np.linalg.norm(positions_m[:, a] - positions_m[:, b], axis=-1).T)
+    lengths_m[lengths_m == 0] = np.nan  # two names of one place
+    joint_m = np.full(positions_m.shape[1], _JOINT_RADIUS_M)
+    for ends in (a, b):
+        np.fmin.at(joint_m, ends, _JOINT_SHARE * lengths_m)
+    return joint_m, np.fmin(_BONE_RADIUS_M, _BONE_SHARE * lengths_m)
 
 
 def over_joints_m(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -179,6 +180,20 @@ def test_predicted_joints_and_their_bones_are_thinner_and_paler(batch_file: Path
         assert radii[predicted].max() < radii[~predicted].min()
         # On a dark background.
         assert brightness(colours[predicted]).max() < brightness(colours[~predicted]).min()
+
+
+def test_joints_and_bones_of_something_small_are_thin(tmp_path: Path, rig: CameraRig, trajectory: Trajectory) -> None:
+    path, small = tmp_path / "small.rrd", replace(trajectory, positions_m=0.05 * trajectory.positions_m)
+    with open_recording(path, rig, SKELETON, ("smoothed",)) as recording:
+        recording.log_trajectory("smoothed", small)
+    bones = np.array((*SKELETON.bones, *SKELETON.lines))
+    length_m = np.linalg.norm(np.diff(small.positions_m[0, bones], axis=1)[:, 0], axis=-1)
+    joint_m = values(path, "/world/smoothed/joints", "Points3D:radii")[0]
+    bone_m = values(path, "/world/smoothed/bones", "LineStrips3D:radii")[0]
+    # The balls of two joints do not touch, however short the bone between them; they are seen still.
+    assert (joint_m[bones].sum(axis=1) < 0.5 * length_m).all()
+    assert (bone_m < 0.2 * length_m).all()
+    assert min(joint_m.min(), bone_m.min()) > 0
 
 
 def test_status_shows_when_a_joint_is_missing(batch_file: Path) -> None:
