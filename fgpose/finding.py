@@ -26,6 +26,7 @@ class Code(StrEnum):
     IMAGE_SIZE = "image-size"
     NORMALISED = "normalised-coordinates"
     ZERO_KEYPOINTS = "zero-keypoints"
+    PLACEHOLDER_KEYPOINTS = "placeholder-keypoints"
     TURNED_IMAGE = "turned-image"
     MIRRORED_IMAGE = "mirrored-image"
     EXCHANGED_CAMERAS = "exchanged-cameras"
@@ -50,6 +51,7 @@ class Code(StrEnum):
     FROZEN_CAMERA = "frozen-camera"
     REPEATED_IMAGES = "repeated-images"
     SMOOTHED_KEYPOINTS = "smoothed-keypoints"
+    INTERPOLATED_KEYPOINTS = "interpolated-keypoints"
     MISSING_FRAMES = "missing-frames"
     FRAME_RATE = "frame-rate"
     # Who is seen, and how well.
@@ -173,8 +175,8 @@ _OF_ONE_CAMERA = frozenset(
         Code.IMPOSSIBLE_TURN,
     }
 )
-# Rays into the corner of an image.
-_OF_ZEROS = frozenset(
+# Rays to one place of an image.
+_OF_PLACEHOLDERS = frozenset(
     {
         *_OF_ONE_CAMERA,
         Code.OUTSIDE,
@@ -204,7 +206,8 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
         }
     ),
     Code.EXCHANGED_SIDES: _OF_ONE_CAMERA,
-    Code.ZERO_KEYPOINTS: _OF_ZEROS,
+    Code.ZERO_KEYPOINTS: _OF_PLACEHOLDERS,
+    Code.PLACEHOLDER_KEYPOINTS: _OF_PLACEHOLDERS,
     Code.UNIT: frozenset(
         {Code.IMPOSSIBLE_SPEED, Code.FRAME_RATE, Code.LARGE_ERRORS, Code.OUTSIDE, Code.MOVED_CAMERA, Code.BUMPED_CAMERA}
     ),
@@ -215,6 +218,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.CLOCK_RATE: _OF_CLOCKS,
     Code.FRAME_RATE: frozenset({Code.LOST_FRAMES, Code.CLOCK_RATE, Code.LATE_CAMERA}),
     Code.SMOOTHED_KEYPOINTS: _OF_CLOCKS | {Code.LOST_FRAMES, Code.CLOCK_RATE},
+    Code.INTERPOLATED_KEYPOINTS: _OF_CLOCKS | {Code.LOST_FRAMES, Code.CLOCK_RATE, Code.SMOOTHED_KEYPOINTS},
     Code.REPEATED_IMAGES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.SOMEBODY_ELSE: frozenset(
         {Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED, Code.BUMPED_CAMERA, Code.MOVED_CAMERA, Code.WRONG_LENS}

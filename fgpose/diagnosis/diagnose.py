@@ -28,7 +28,9 @@ from fgpose.diagnosis.gravity_checks import wrong_falls
 from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.diagnosis.input_checks import off_centre, repaired, unusual_steps
 from fgpose.diagnosis.motion_checks import contradicted, gaps, impossible_speeds, short_lives, turns, unobservable
-from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints, zero_keypoints, zeros_as_missing
+from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
+from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
+from fgpose.diagnosis.seen.placeholders import Placeholders
 from fgpose.diagnosis.seen.presence import blind, never_seen, nobody, somebody_else
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, outside
@@ -57,6 +59,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
         frozen_cameras,
         repeated_images,
         smoothed_keypoints,
+        interpolated_keypoints,
         nobody,
         somebody_else,
         low_confidence,
@@ -182,7 +185,8 @@ def diagnose_finished(recording: FinishedRecording) -> Diagnosis:
 
 
 def _diagnosed(examined: Examined) -> Diagnosis:
-    found, examined = zero_keypoints(examined), zeros_as_missing(examined)
+    placeholders = Placeholders.among(examined)
+    found, examined = placeholders.findings(examined), placeholders.as_missing(examined)
     not_judged: dict[str, str] = {}
     for what, checks in INPUT_CHECKS.items():
         for check in checks:

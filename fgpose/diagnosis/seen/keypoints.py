@@ -1,28 +1,21 @@
-"""Keypoints that are not what a network saw: missing ones at (0, 0), guessed ones, and smoothed ones."""
+"""Keypoints that are not what a network saw: guessed ones, and smoothed ones."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.hypotheses.consistency import SPREAD_M
 from fgpose.diagnosis.hypotheses.scene import limb_joints
 from fgpose.finding import Code, Finding, Severity
-from fgpose.observations import Observations
 from fgpose.sampling import frames_per_second
 from fgpose_factors.robust_statistics import robust_sigma
 
-# Of the detections of a joint in one camera. Where most are at (0, 0), that is where the joint is put; the estimator
-# leaves out a few, as it does outliers.
-_MOST = 0.5
-_FEW = 0.01  # of all detections
-_LISTED = 6
 # Of the usual confidence of the recording. Joints that a network sees have 0.7 to 1.2 times it, ears and toes that are
 # half of the time on the far side of the body 0.4 (balance_openpose). Throughout: three quarters of the time, as knees
 # and ankles behind occluders have 0.28 times it half of the time (fgpose_benchmarks/data/detection_errors).
@@ -37,49 +30,6 @@ _TREMBLES = 0.005
 # Of the distance between rays. Where both are small, the keypoints have no errors: they are of no network.
 _OF_DISTANCE = 0.25
 _WHITE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70)  # leaves white noise as it is, takes motion away
-
-
-def zero_keypoints(examined: Examined) -> list[Finding]:
-    """Detections in the corner of the image: to the last digit, no network finds a joint there."""
-    zero, seen = (
-        np.concatenate([each[person] for person in examined.people])
-        for each in (_zero(examined.people), {person: own.seen for person, own in examined.people.items()})
-    )
-    if not zero.any():
-        return []
-    share = float(zero.sum() / seen.sum())
-    shares = zero.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    skeleton = examined.main.skeleton
-    names = skeleton.joints
-    joints = [names[j] for j in np.argsort(-shares.max(axis=0), kind="stable") if shares[:, j].any()]
-    listed = (
-        in_words_by_part(skeleton, joints) if len(joints) <= _LISTED else f"{len(joints)} of the {len(names)} joints"
-    )
-    cameras = [name for name, own in zip(examined.rig.names, shares, strict=True) if own.any()]
-    where = "all cameras" if len(cameras) == examined.rig.n_cameras else ", ".join(cameras)
-    severity = Severity.WRONG if shares.max() > _MOST else Severity.DOUBTFUL if share > _FEW else Severity.NOTE
-    return [
-        Finding(
-            Code.ZERO_KEYPOINTS,
-            severity,
-            f"{100 * share:.2g} % of the detections stand at exactly (0, 0), with a confidence above 0: missing joints "
-            f"that were written as zero. They are of {listed}, in {where}",
-            "Write NaN, or confidence 0, for joints that were not found.",
-            min(1.0, 2 * share),
-            numbers={"share": share},
-        )
-    ]
-
-
-def zeros_as_missing(examined: Examined) -> Examined:
-    """As if missing joints had been given as missing: what is looked at is what was seen."""
-    zero = _zero(examined.people)
-    people = {person: seen.without(zero[person]) for person, seen in examined.people.items()}
-    return replace(examined, people=people)
-
-
-def _zero(people: Mapping[int, Observations]) -> dict[int, Bool[np.ndarray, "frame camera joint"]]:
-    return {person: np.asarray((seen.points2d_px == 0).all(axis=-1)) for person, seen in people.items()}
 
 
 def low_confidence(examined: Examined) -> list[Finding]:

@@ -10,7 +10,9 @@ from scipy.ndimage import gaussian_filter1d
 
 import fgpose
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
+from fgpose.diagnosis.seen.placeholders import Placeholders
 from fgpose.diagnosis.seen.presence import blind, nobody, seen_elsewhere
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.finding import Code, Severity
@@ -44,6 +46,8 @@ def test_nothing_is_told_of_somebody_who_is_always_seen(seen, rig) -> None:
         *frozen_cameras(examined),
         *repeated_images(examined),
         *smoothed_keypoints(examined),
+        *interpolated_keypoints(examined),
+        *Placeholders.among(examined).findings(examined),
     ] == []
 
 
@@ -56,6 +60,8 @@ def test_nothing_is_told_of_a_real_recording() -> None:
         *frozen_cameras(examined),
         *repeated_images(examined),
         *smoothed_keypoints(examined),
+        *interpolated_keypoints(examined),
+        *Placeholders.among(examined).findings(examined),
     ] == []
 
 
@@ -156,6 +162,69 @@ def test_missing_joints_that_are_written_as_zero(seen, rig) -> None:
     assert (finding.code, finding.severity) == (Code.ZERO_KEYPOINTS, Severity.WRONG)
     assert "They are of knees, in all cameras" in finding.reason
     assert finding.numbers["share"] == pytest.approx(2 / SKELETON.n_joints, rel=0.05)  # but for what is not detected
+
+
+@pytest.mark.parametrize("place", [(-1.0, -1.0), (9999.0, 9999.0), (800.0, 600.0)])
+def test_missing_joints_that_are_written_as_a_number(seen, rig, place: tuple[float, float]) -> None:
+    """A tenth of all, which a lens that distorts would explain. With them left out nothing is wrong."""
+    missing = np.random.default_rng(0).random(seen.confidence.shape) < 0.1
+    points_px = np.where(missing[..., None], place, seen.points2d_px)
+    given = replace(seen, points2d_px=points_px, confidence=np.where(missing, 0.5, seen.confidence))
+    (finding,) = [each for each in fgpose.diagnose(given, rig).findings if each.severity is not Severity.NOTE]
+    assert (finding.code, finding.severity) == (Code.PLACEHOLDER_KEYPOINTS, Severity.DOUBTFUL)
+    assert f"exactly ({place[0]:g}, {place[1]:g})" in finding.reason
+    assert finding.numbers["share"] == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.parametrize("pixels", [1.0, 8.0])
+def test_coarse_numbers_are_no_placeholders(seen, rig, pixels: float) -> None:
+    """Of a heat map, say: joints of somebody who stands are at one place for long, and neighbours at the same."""
+    still_px = seen.points2d_px[:1] + 0.1 * (seen.points2d_px - seen.points2d_px[:1])
+    coarse = with_points(seen, pixels * np.round(still_px / pixels))
+    assert not Placeholders.among(Examined.of(coarse, rig)).of
+    frozen = with_points(seen, np.broadcast_to(seen.points2d_px[:1], seen.points2d_px.shape).copy())
+    assert not Placeholders.among(Examined.of(frozen, rig)).of
+
+
+def filled(points_px: np.ndarray, gaps: list[slice], cameras: list[int]) -> np.ndarray:
+    """With straight lines over gaps."""
+    whole_px = points_px.copy()
+    for gap in gaps:
+        share = (np.arange(gap.start, gap.stop) - gap.start + 1)[:, None, None, None] / (gap.stop - gap.start + 1)
+        whole_px[gap, cameras] = (1 - share) * points_px[gap.start - 1, cameras] + share * points_px[gap.stop, cameras]
+    return whole_px
+
+
+@pytest.mark.parametrize("decimals", [15, 2])
+@pytest.mark.parametrize(("cameras", "name"), [([0, 1, 2], ""), ([1], "cam2")])
+def test_gaps_that_were_interpolated(seen, rig, cameras: list[int], name: str, decimals: int) -> None:
+    points_px = filled(seen.points2d_px, [slice(30, 36), slice(90, 108)], cameras).round(decimals)
+    (finding,) = interpolated_keypoints(Examined.of(with_points(seen, points_px), rig))
+    assert (finding.code, finding.severity, finding.camera) == (Code.INTERPOLATED_KEYPOINTS, Severity.WRONG, name)
+    # But for joints that were not detected where a line begins or ends, or hardly move along it.
+    assert 0.7 * 24 / 150 <= finding.numbers["share"] <= 24 / 150 * 1.1
+    assert finding.numbers["longest_s"] == pytest.approx(18 / 30)
+    assert f"at {90 / 30:.2f} s" in finding.reason
+
+
+def test_keypoints_that_were_interpolated_to_a_higher_rate(seen, rig) -> None:
+    points_px = seen.points2d_px.copy()
+    points_px[1:-1:2] = (points_px[:-2:2] + points_px[2::2]) / 2
+    (finding,) = interpolated_keypoints(Examined.of(with_points(seen, points_px), rig))
+    assert finding.severity is Severity.DOUBTFUL
+    assert finding.numbers["share"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_coarse_numbers_and_somebody_who_glides_are_not_called_interpolated(seen, rig) -> None:
+    slow_m = gaussian_filter1d(motion_m(), 0.4 * 30, axis=0)
+    exact_px = np.stack([each.distort(each.project(slow_m)) for each in rig.cameras], axis=1)
+    for points_px in (
+        np.round(seen.points2d_px),
+        *(np.round(exact_px, decimals) for decimals in range(4)),
+        exact_px,
+        seen.points2d_px.astype(np.float32),
+    ):
+        assert interpolated_keypoints(Examined.of(with_points(seen, points_px.astype(float)), rig)) == []
 
 
 @pytest.mark.slow
