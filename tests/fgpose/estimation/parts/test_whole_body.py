@@ -12,8 +12,8 @@ import fgpose
 from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.smoother import smooth_evidence
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import BoneLengths, Status
+from fgpose.skeleton import BoneLengths, Skeleton
+from fgpose.trajectory import Status
 from fgpose_benchmarks.synthetic import NO_NOISE, DetectionNoise, Scene, embedded_motion, ring_rig
 from fgpose_benchmarks.synthetic.whole_body import simulate_whole_body, whole_body_of
 
