@@ -76,6 +76,7 @@ class Code(StrEnum):
     IMPOSSIBLE_SPEED = "impossible-speed"
     IMPOSSIBLE_TURN = "impossible-turn"
     SHORT_LIFE = "short-life"
+    OTHER_BONES = "other-bones"
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from fgpose.diagnosis.motion_checks import contradicted, gaps, impossible_speeds
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints, zero_keypoints, zeros_as_missing
 from fgpose.diagnosis.seen.presence import blind, never_seen, nobody, somebody_else
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
-from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, outside
+from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, other_bones, outside
 from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
 from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
@@ -68,6 +68,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
 
 RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
     not_converged,
+    other_bones,
     few_cameras,
     calibration_findings,
     large_errors,
