@@ -80,8 +80,9 @@ class Estimator:
         return self._body.repairs + sum(each.estimator.repairs for each in self._parts)
 
     def know(self, lengths: BoneLengths) -> None:
-        """Expect the bones of somebody who is known: Estimate.bone_lengths of before, or measured; until they have
-        left, for who comes then may be somebody else. Raises ValueError: they are not those of the skeleton.
+        """Expect the bones of somebody who is known: Trajectory.bones or Estimate.bone_lengths of before, or measured.
+        Until they have left, for who comes then may be somebody else; or until it is seen that they are somebody else's
+        (Estimate.other_bone). Raises ValueError: they are not those of the skeleton.
         """
         lengths.check(self.skeleton)
         for estimator in (self._body, *(each.estimator for each in self._parts)):
