@@ -52,7 +52,7 @@ def test_the_result_states_how_well_it_knows_the_lengths(
     assert alone.bone_length_sigma_m is not None
     error = (alone.bone_lengths_m - true_bones.lengths_m) / alone.bone_length_sigma_m
     # The root of the mean square of ten normal errors is between 0.4 and 1.7 with 99.9 %; taken for independent from
-    # frame to frame, errors of this noise would be above 2 (benchmarks/README.md).
+    # frame to frame, errors of this noise are 1.5 to 4.
     assert np.sqrt(np.mean(error**2)) < 1.7
     assert (alone.bone_length_sigma_m > 0.003).all()
 

@@ -94,6 +94,17 @@ def test_lengths_of_fingers_are_the_true_ones(scene: Scene, smoothed: fgpose.Tra
     np.testing.assert_allclose(smoothed.bone_lengths_m[numbers[fingers]], true_m[fingers], atol=0.004)
 
 
+def test_what_is_known_of_all_bones_goes_to_its_part(scene: Scene, smoothed: fgpose.Trajectory):
+    bones = smoothed.bones
+    assert bones is not None
+    again = fgpose.smooth(scene.observations.frames(slice(0, 10)), scene.rig, bones=bones)
+    assert again.other_bone is None
+    assert again.bone_length_sigma_m is not None
+    known = np.isfinite(bones.lengths_m)
+    assert known.sum() > 30  # body and fingers
+    assert (again.bone_length_sigma_m[known] <= bones.sigma_m[known]).all()
+
+
 def test_a_hand_that_no_camera_sees_follows_the_wrist(scene: Scene, skeleton: Skeleton):
     hand = next(part for part in skeleton.parts if part.name == "left_hand")
     hidden = slice(15, 30)  # 0.3 s
