@@ -11,7 +11,7 @@ from fgpose.skeleton import BoneLengths
 from fgpose.trajectory import OtherBone
 
 # Ten lengths then differ by 2.2 standard deviations each, or one by 6.9; their squares sum to 48. On the benchmark
-# those of the same person sum to 3 at most. Other grown men pass, and do no harm.
+# those of the same person sum to 3 at most. Other grown men pass (benchmarks/README.md).
 _BY_CHANCE = 1e-6
 
 
