@@ -11,6 +11,7 @@ import fgpose
 from fgpose.assessment.metrics import mpjpe_m
 from fgpose.estimation.evidence.other_bones import other_bone, without_known
 from fgpose.estimation.initial_guess import median_lengths
+from fgpose.trajectory import OtherBone
 from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
@@ -126,7 +127,7 @@ def test_who_differs_by_chance_is_the_same_and_who_differs_by_far_is_not() -> No
     known, seen_m2 = fgpose.BoneLengths(np.full(10, 0.3), np.full(10, 0.01)), factor @ factor.T + 1e-5 * np.eye(10)
     spread = np.linalg.cholesky(seen_m2 + 1e-4 * np.eye(10))
 
-    def found(away: np.ndarray) -> fgpose.OtherBone | None:
+    def found(away: np.ndarray) -> OtherBone | None:
         """Where independent directions differ by so many standard deviations."""
         return other_bone(known, known.lengths_m + spread @ away, seen_m2, names)
 
