@@ -50,8 +50,8 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.kinematics import joint_angles
 from fgpose.observations import Observations
 from fgpose.people import Tracker, smooth_people
-from fgpose.skeleton import BodyPart, Skeleton
-from fgpose.trajectory import BoneLengths, Convergence, Estimate, Status, Trajectory
+from fgpose.skeleton import BodyPart, BoneLengths, Skeleton
+from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
 
 if not _typing.TYPE_CHECKING:  # for which a name that has moved is one that is not there
     from fgpose.deprecated import moved as __getattr__  # noqa: F401

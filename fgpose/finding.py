@@ -78,6 +78,7 @@ class Code(StrEnum):
     IMPOSSIBLE_SPEED = "impossible-speed"
     IMPOSSIBLE_TURN = "impossible-turn"
     SHORT_LIFE = "short-life"
+    OTHER_BONES = "other-bones"
 
 
 @dataclass(frozen=True)

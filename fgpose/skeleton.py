@@ -275,3 +275,41 @@ class Skeleton:
         """Length in metres of every bone, NaN where one of its joints is NaN."""
         start, end = np.array(self.bones, dtype=int).reshape(-1, 2).T
         return np.linalg.norm(positions_m[..., end, :] - positions_m[..., start, :], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class BoneLengths:
+    """What is known of somebody's bones, one number for each of skeleton.length_names. The arrays are read-only.
+
+    Raises:
+        ValueError: the shapes disagree, a length that is known is not positive, or its deviation is not.
+    """
+
+    lengths_m: Float[np.ndarray, " length"]
+    """NaN: not known."""
+    sigma_m: Float[np.ndarray, " length"]
+    """Their standard deviations."""
+
+    def __post_init__(self) -> None:
+        if self.lengths_m.shape != self.sigma_m.shape or self.lengths_m.ndim != 1:
+            raise ValueError(f"lengths_m and sigma_m must be (L,), got {self.lengths_m.shape} and {self.sigma_m.shape}")
+        if not ((self.lengths_m > 0) & (self.sigma_m > 0) | np.isnan(self.lengths_m)).all():
+            raise ValueError("lengths_m must be positive or NaN, and sigma_m positive where they are known")
+        for array in (self.lengths_m, self.sigma_m):
+            array.setflags(write=False)
+
+    @staticmethod
+    def unknown(n_lengths: int) -> BoneLengths:
+        """None is known."""
+        return BoneLengths(np.full(n_lengths, np.nan), np.full(n_lengths, np.inf))
+
+    def check(self, skeleton: Skeleton) -> None:
+        """Raise ValueError unless they can be of this skeleton."""
+        if self.lengths_m.shape != (skeleton.n_lengths,):
+            raise ValueError(f"{skeleton.n_lengths} bone lengths are needed, got {self.lengths_m.shape}")
+
+    def or_else(self, others: BoneLengths) -> BoneLengths:
+        """Others where one is not known."""
+        known = np.isfinite(self.lengths_m)
+        lengths_m = np.where(known, self.lengths_m, others.lengths_m)
+        return BoneLengths(lengths_m, np.where(known, self.sigma_m, others.sigma_m))

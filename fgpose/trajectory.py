@@ -13,8 +13,13 @@ from jaxtyping import Bool, Float, Int
 from fgpose.config import Config
 from fgpose.sampling import TimeRange
 from fgpose.shown import Motion, Shown
-from fgpose.skeleton import Skeleton
+from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.skeletons import named_skeleton
+
+BETWEEN_RECORDINGS_M = 0.01
+"""Standard deviation of what differs between the lengths of one person in two recordings, beside what they state: in
+another pose, before another camera, a detector puts joints elsewhere."""
+_UNSTATED_M = 0.01  # of a length in a file of an older version
 
 
 class Status(IntEnum):
@@ -55,37 +60,20 @@ class Convergence:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class BoneLengths:
-    """What is known of somebody's bones, one number for each of skeleton.length_names. The arrays are read-only.
+@dataclass(frozen=True)
+class OtherBone:
+    """The bone that shows most clearly that lengths known from before are somebody else's."""
 
-    Raises:
-        ValueError: the shapes disagree, a length that is known is not positive, or its deviation is not.
-    """
+    name: str
+    """Of skeleton.length_names."""
+    known_m: float
+    seen_m: float
+    sigmas: float
+    """How far these are apart, in standard deviations."""
 
-    lengths_m: Float[np.ndarray, " length"]
-    """NaN: not known."""
-    sigma_m: Float[np.ndarray, " length"]
-    """Their standard deviations."""
-
-    def __post_init__(self) -> None:
-        if self.lengths_m.shape != self.sigma_m.shape or self.lengths_m.ndim != 1:
-            raise ValueError(f"lengths_m and sigma_m must be (L,), got {self.lengths_m.shape} and {self.sigma_m.shape}")
-        if not ((self.lengths_m > 0) & (self.sigma_m > 0) | np.isnan(self.lengths_m)).all():
-            raise ValueError("lengths_m must be positive or NaN, and sigma_m positive where they are known")
-        for array in (self.lengths_m, self.sigma_m):
-            array.setflags(write=False)
-
-    @staticmethod
-    def unknown(n_lengths: int) -> BoneLengths:
-        """None is known."""
-        return BoneLengths(np.full(n_lengths, np.nan), np.full(n_lengths, np.inf))
-
-    def or_else(self, others: BoneLengths) -> BoneLengths:
-        """Others where one is not known."""
-        known = np.isfinite(self.lengths_m)
-        lengths_m = np.where(known, self.lengths_m, others.lengths_m)
-        return BoneLengths(lengths_m, np.where(known, self.sigma_m, others.sigma_m))
+    def __str__(self) -> str:
+        known, seen = f"{1000 * self.known_m:.0f} mm as given", f"{1000 * self.seen_m:.0f} mm as seen"
+        return f"{self.name} is {known} and {seen}, {self.sigmas:.1f} standard deviations apart"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,6 +107,10 @@ class Trajectory(Motion):
     """(T, C, J) probability that each detection is of its joint and not hallucinated; NaN where there is none."""
     implausible_frames: tuple[int, ...] = ()
     """Frames whose detections make no body (joints tens of metres apart) and were left out."""
+    bone_length_sigma_m: np.ndarray | None = None
+    """(L,) their standard deviations; that neighbouring frames share their errors is in them."""
+    other_bone: OtherBone | None = None
+    """Why the bone lengths that were given were not used: they are somebody else's. Not kept in files."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "skeleton", named_skeleton(self.skeleton))
@@ -129,6 +121,7 @@ class Trajectory(Motion):
             "covariance_m2": (n_frames, n_joints, 3, 3),
             "residual_px": (n_frames, len(self.camera_names), n_joints),
             "bone_lengths_m": (self.skeleton.n_lengths,),
+            "bone_length_sigma_m": (self.skeleton.n_lengths,),
             "visibility": (n_frames, len(self.camera_names), n_joints),
         }
         for name, shape in shapes.items():
@@ -161,6 +154,7 @@ class Trajectory(Motion):
             arrays = [getattr(estimate, name) for estimate in frames]
             return None if any(array is None for array in arrays) else np.stack(arrays)
 
+        lengths = next((each.bone_lengths for each in reversed(frames) if each.bone_lengths is not None), None)
         return Trajectory(
             skeleton=frames[0].skeleton,
             time_s=np.array([estimate.time_s for estimate in frames]),
@@ -172,6 +166,9 @@ class Trajectory(Motion):
             camera_names=camera_names,
             config=config,
             implausible_frames=tuple(t for t, estimate in enumerate(frames) if estimate.is_implausible),
+            bone_lengths_m=lengths and lengths.lengths_m,
+            bone_length_sigma_m=lengths and lengths.sigma_m,
+            other_bone=next((each.other_bone for each in frames if each.other_bone is not None), None),
         )
 
     @staticmethod
@@ -207,6 +204,7 @@ class Trajectory(Motion):
             time_s=time_s,
             **{name: joined(name) for name in ("positions_m", "status", "covariance_m2", "residual_px", "visibility")},
             bone_lengths_m=first.bone_lengths_m if alike else None,
+            bone_length_sigma_m=first.bone_length_sigma_m if alike else None,
             convergence=Convergence.worst(ends) if len(ends) == len(parts) else None,
             config=first.config if all(part.config == first.config for part in parts) else None,
             implausible_frames=tuple(
@@ -295,6 +293,15 @@ class Trajectory(Motion):
         """The frames in which nobody is there: nothing is known of any joint."""
         return np.asarray((self.status == Status.UNOBSERVABLE).all(axis=1))
 
+    @property
+    def bones(self) -> BoneLengths | None:
+        """What it tells of the same person's bones in another recording (see fgpose.smooth); None: nothing."""
+        lengths_m, sigma_m = self.bone_lengths_m, self.bone_length_sigma_m
+        if lengths_m is None or not np.isfinite(lengths_m).any():
+            return None
+        own_m = np.full_like(lengths_m, _UNSTATED_M) if sigma_m is None else np.nan_to_num(sigma_m, nan=_UNSTATED_M)
+        return BoneLengths(lengths_m, np.hypot(own_m, BETWEEN_RECORDINGS_M))
+
     def status_share(self, status: Status) -> float:
         """Share of all joints and frames that have this status, in [0, 1]."""
         return float(np.mean(self.status == status))
@@ -324,6 +331,8 @@ class Estimate(Shown):
     """How often GTSAM has failed so far, and the window was eliminated anew (Estimator.repairs)."""
     bone_lengths: BoneLengths | None = None
     """As far as they have been learned, with symmetry.form "shared_length"; None of an estimate that is one lag old."""
+    other_bone: OtherBone | None = None
+    """Why the lengths that were given are not used any more (Estimator.know)."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, " 3"]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""

@@ -33,7 +33,7 @@ from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
 from fgpose.diagnosis.seen.placeholders import Placeholders
 from fgpose.diagnosis.seen.presence import blind, never_seen, nobody, somebody_else
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
-from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, outside
+from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, other_bones, outside
 from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
 from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
@@ -71,6 +71,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
 
 RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
     not_converged,
+    other_bones,
     few_cameras,
     calibration_findings,
     large_errors,

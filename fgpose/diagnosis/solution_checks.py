@@ -43,6 +43,18 @@ def not_converged(recording: FinishedRecording, person: int, trajectory: Traject
 
 
 @of_each_person
+def other_bones(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
+    """Bone lengths that were given and are somebody else's."""
+    other = trajectory.other_bone
+    if other is None:
+        return None
+    reason = f"the bones that were given are somebody else's, and were not used: {other}"
+    remedy = "Give a result of this person; if it was, look for a wrong calibration of one of the two recordings."
+    numbers = {"known_m": other.known_m, "seen_m": other.seen_m, "sigmas": other.sigmas}
+    return Finding(Code.OTHER_BONES, Severity.NOTE, reason, remedy, 0.3, numbers=numbers)
+
+
+@of_each_person
 def outside(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
     """Somebody who is where fewer than two cameras look."""
     known = np.isfinite(root_m(trajectory)).all(axis=-1)

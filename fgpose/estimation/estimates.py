@@ -55,6 +55,7 @@ class Estimates:
             smoothed=self._lagged(window, rig),
             n_repairs=window.repairs,
             bone_lengths=self._lengths.learned,
+            other_bone=self._lengths.other_bone,
         )
 
     def _lagged(self, window: Window, rig: CameraRig) -> Estimate | None:

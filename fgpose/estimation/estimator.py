@@ -15,8 +15,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import Observations
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import BoneLengths, Estimate
+from fgpose.skeleton import BoneLengths, Skeleton
+from fgpose.trajectory import Estimate
 
 
 class Estimator:
@@ -80,11 +80,11 @@ class Estimator:
         return self._body.repairs + sum(each.estimator.repairs for each in self._parts)
 
     def know(self, lengths: BoneLengths) -> None:
-        """Expect the bones of somebody who is known: Estimate.bone_lengths of before, or measured; until they have
-        left, for who comes then may be somebody else. Raises ValueError: they are not those of the skeleton.
+        """Expect the bones of somebody who is known: Trajectory.bones or Estimate.bone_lengths of before, or measured.
+        Until they have left, for who comes then may be somebody else; or until it is seen that they are somebody else's
+        (Estimate.other_bone). Raises ValueError: they are not those of the skeleton.
         """
-        if lengths.lengths_m.shape != (self.skeleton.n_lengths,):
-            raise ValueError(f"{self.skeleton.n_lengths} bone lengths are needed, got {lengths.lengths_m.shape}")
+        lengths.check(self.skeleton)
         for estimator in (self._body, *(each.estimator for each in self._parts)):
             estimator.know(of_part(lengths, self.skeleton, estimator.skeleton))
 

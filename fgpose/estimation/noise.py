@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.sampling import usual_step_s
+
 CORRELATION_S = 0.15
 """Time over which the errors of a pose network are correlated, measured on a monocular network."""
 TELLING_HZ = 25.0
@@ -41,6 +43,12 @@ def correlated_frames(
 ) -> float | Float[np.ndarray, "*frames"]:
     """How many frames count as one measurement when errors are correlated over this time; at least one."""
     return np.maximum(1.0, 2 * correlation_s / step_s)
+
+
+def shared_errors(time_s: Float[np.ndarray, " frame"]) -> float:
+    """By how much standard deviations of what is constant are too small where errors of frames at these times are taken
+    for independent: neighbouring frames share theirs."""
+    return float(np.sqrt(correlated_frames(usual_step_s(time_s), CORRELATION_S)))
 
 
 def shrunk(

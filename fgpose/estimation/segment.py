@@ -13,9 +13,10 @@ from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.initial_guess import active_joints, fill_gaps, median_lengths
 from fgpose.estimation.keys import Keys
+from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.process_noise import initial_density
 from fgpose.geometry.camera import CameraRig
-from fgpose.skeleton import Skeleton
+from fgpose.skeleton import BoneLengths, Skeleton
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,9 @@ class Segment:
     velocity, m^2/s with random walk."""
     lengths_known: bool = False
     """Whether the lengths are held, their sigma added to that of each bone (online); otherwise they are estimated."""
+    known: BoneLengths | None = None
+    """What was known of the lengths before, as if errors of different frames were independent; the first guess is the
+    prior of the others only."""
     length_covariance_m2: Float[np.ndarray, "length length"] | None = None
     """Of the first guess of lengths that are estimated, where their errors are correlated."""
     initial_m: Float[np.ndarray, "frame joint 3"] | None = None
@@ -172,6 +176,8 @@ class Recording:
     lengths_m: Float[np.ndarray, " length"]
     length_sigma_m: float
     """See Segment."""
+    known: BoneLengths | None = None
+    """What was known of them before."""
 
     @staticmethod
     def of(
@@ -180,6 +186,7 @@ class Recording:
         rig: CameraRig,
         skeleton: Skeleton,
         config: Config,
+        known: BoneLengths | None = None,
     ) -> Recording:
         """With what the first guess tells."""
         time_s, of_frames_m = evidence.time_s[here], evidence.guess_m[here]
@@ -187,7 +194,7 @@ class Recording:
         active = active_joints(of_frames_m, time_s, config.motion)
         lengths_m = median_lengths(skeleton, guess_m)
         sigma_m = config.prior.length_sigma_m
-        return Recording(rig, skeleton, config, evidence, here, time_s, guess_m, active, lengths_m, sigma_m)
+        return Recording(rig, skeleton, config, evidence, here, time_s, guess_m, active, lengths_m, sigma_m, known)
 
     @property
     def n_frames(self) -> int:
@@ -199,7 +206,7 @@ class Recording:
 
     def frames(self, frames: slice | Int[np.ndarray, " sample"]) -> Segment:
         """Some of its frames, to be solved as one."""
-        active = self.active[frames]
+        active, known = self.active[frames], self.known
         return Segment(
             rig=self.rig,
             skeleton=self.skeleton,
@@ -208,5 +215,6 @@ class Recording:
             active=active,
             lengths_m=self.lengths_m,
             length_sigma_m=self.length_sigma_m,
+            known=known and BoneLengths(known.lengths_m, known.sigma_m / shared_errors(self.time_s[frames])),
             process_density=np.full(active.shape, initial_density(self.config.motion)),
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,13 +19,16 @@ from fgpose.estimation.evidence.delays import image_motion_px, motion_m, of_one_
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered, gather_long
 from fgpose.estimation.evidence.inputs import check_inputs
+from fgpose.estimation.evidence.other_bones import other_bone
 from fgpose.estimation.evidence.presence import present
 from fgpose.estimation.initial_guess import time_to_known_s
-from fgpose.estimation.parts.batch import Smooth, smooth_whole_body
+from fgpose.estimation.noise import shared_errors
+from fgpose.estimation.parts.batch import smooth_whole_body
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Recording, Segment
 from fgpose.estimation.solution import Solution, SolvedWindows, first_known
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
+from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.estimation.solvers.optimum import optimum
 from fgpose.estimation.visibility.sole_views import with_distances
 from fgpose.estimation.visibility.visibility import judged
@@ -33,8 +36,8 @@ from fgpose.estimation.windows import Window, cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import spread_evenly
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import Convergence, Trajectory, joint_status
+from fgpose.skeleton import BoneLengths, Skeleton
+from fgpose.trajectory import Convergence, OtherBone, Trajectory, joint_status
 
 Progress = Callable[[int, int], None]
 """Called with the number of frames done and the number of frames in all."""
@@ -58,6 +61,7 @@ def smooth(
     config: Config | None = None,
     progress: Progress | None = None,
     unfinished: Path | None = None,
+    bones: BoneLengths | None = None,
 ) -> Trajectory:
     """The most probable motion given all frames, by batch optimisation of the factor graph.
 
@@ -71,6 +75,8 @@ def smooth(
         progress: told after each window.
         unfinished: a folder for the windows that are solved, if there are several: after it was killed, the same call
             goes on from there. It is to be removed when the result is saved. None: nothing is kept.
+        bones: of the same person, from an earlier recording (Trajectory.bones). If this one shows that they are
+            somebody else's they are not used: Trajectory.other_bone.
 
     Returns:
         The trajectory of all frames, each at the mean time at which the cameras took it: by time stamps and time
@@ -80,18 +86,22 @@ def smooth(
         apart than tracking.coast_s, see fgpose.estimation.evidence.presence) it is NaN: Trajectory.absent.
 
     Raises:
-        ValueError: the cameras of the observations and of the rig differ, or a window that was kept is damaged.
+        ValueError: the cameras of the observations and of the rig differ, bones are not those of the skeleton, or a
+            window that was kept is damaged.
         TypeError: the observations are of several people, or the arguments are exchanged.
         OSError: a window cannot be kept.
 
     Warns:
-        UserWarning: a window did not converge within solver.max_iterations; or windows were there already.
+        UserWarning: a window did not converge within solver.max_iterations; windows were there already; or bones are
+            somebody else's.
     """
     check_inputs("smooth", observations, rig)
+    if bones is not None:
+        bones.check(observations.skeleton)
     config = config or Config()
     observations, rig = of_one_moment(observations, rig)
     evidence = gather_long(observations, rig, config)
-    return smooth_evidence(evidence, observations.skeleton, rig, config, progress, unfinished)
+    return smooth_evidence(evidence, observations.skeleton, rig, config, progress, unfinished, bones)
 
 
 @one_blas_thread()
@@ -102,14 +112,15 @@ def smooth_evidence(
     config: Config,
     progress: Progress | None = None,
     unfinished: Path | None = None,
+    bones: BoneLengths | None = None,
 ) -> Trajectory:
     """smooth for a recording whose evidence is gathered already."""
     if skeleton.parts:
-        smoothers = _smoothers_of_parts(len(evidence.time_s), 1 + len(skeleton.parts), rig, progress, unfinished)
-        return smooth_whole_body(evidence, skeleton, rig, config, smoothers)
+        smooth_part = partial(smooth_evidence, rig=rig, unfinished=unfinished)
+        return smooth_whole_body(evidence, skeleton, rig, config, smooth_part, progress, bones)
     here = np.flatnonzero(evidence.present(config.tracking.coast_s))
     here = here if len(here) else np.arange(len(evidence.time_s))
-    recording = Recording.of(evidence, here, rig, skeleton, config)
+    recording = Recording.of(evidence, here, rig, skeleton, config, bones)
     windows = cut_windows(recording.time_s, config.solver.window_s, config.solver.overlap_s)
     solved = SolvedWindows(recording, unfinished if len(windows) > 1 else None)
     if solved.n_solved:
@@ -119,44 +130,63 @@ def smooth_evidence(
         )
         if progress:
             progress(windows[solved.n_solved - 1].contributed.stop, recording.n_frames)
-    if 1 < len(windows) > solved.n_solved:
-        recording = _with_learned_lengths(recording)
-    for window in windows[solved.n_solved :]:
-        solution = _solve(recording.frames(window.solved))
-        solved.append(solution.frames(window.contributed_of_solved))
-        if progress:
-            progress(window.contributed.stop, recording.n_frames)
-    return _trajectory(recording, windows, solved)
+    other = None
+    if solved.n_solved < len(windows):
+        whole = len(windows) == 1
+        first, other = _first(recording.frames(windows[0].solved) if whole else _sample(recording), bones)
+        if not whole:
+            held_m = first_known([first.lengths_m, recording.lengths_m])
+            recording = replace(recording, lengths_m=held_m, length_sigma_m=_HELD_LENGTH_SIGMA_M, known=None)
+        for window in windows[solved.n_solved :]:
+            solution = first if whole else _solve(recording.frames(window.solved))
+            solution = replace(solution, length_sigma_m=first.length_sigma_m)
+            solved.append(solution.frames(window.contributed_of_solved))
+            if progress:
+                progress(window.contributed.stop, recording.n_frames)
+    return replace(_trajectory(recording, windows, solved), other_bone=other)
 
 
-def _smoothers_of_parts(
-    n_frames: int, n_parts: int, rig: CameraRig, progress: Progress | None, unfinished: Path | None
-) -> Iterator[Smooth]:
-    """smooth_evidence for each part of a whole body in turn, with the progress of all."""
-
-    def told(before: int, done: int, _: int) -> None:
-        if progress:
-            progress((before + done) // n_parts, n_frames)
-
-    for part in range(n_parts):
-        yield partial(smooth_evidence, rig=rig, progress=partial(told, part * n_frames), unfinished=unfinished)
-
-
-def _with_learned_lengths(recording: Recording) -> Recording:
-    """The recording with the bone lengths of a sample of its frames, solved as a window is: hallucinated detections
-    would stretch them.
+def _sample(recording: Recording) -> Segment:
+    """Frames whose bone lengths are learned, solved as a window is: hallucinated detections would stretch them.
 
     Delays are not corrected there, because the motion between frames so far apart is not known.
     """
     sample = recording.frames(spread_evenly(recording.n_frames, _SAMPLE_FRAMES))
     at_once = replace(sample.evidence, delay_s=np.zeros_like(sample.evidence.delay_s))
-    without_covariance = sample.config.replace(solver={"covariance": False})
-    solution = _solve(replace(sample, evidence=at_once, config=without_covariance))
-    lengths_m = first_known([solution.lengths_m, recording.lengths_m])
-    return replace(recording, lengths_m=lengths_m, length_sigma_m=_HELD_LENGTH_SIGMA_M)
+    return replace(sample, evidence=at_once, config=sample.config.replace(solver={"covariance": False}))
 
 
 def _solve(segment: Segment) -> Solution:
+    """The optimum, with covariances if they are wanted."""
+    return _described(*_settled(segment))
+
+
+def _first(segment: Segment, bones: BoneLengths | None) -> tuple[Solution, OtherBone | None]:
+    """With the standard deviations of the lengths. Those that were known are a prior of it, unless it shows without
+    them that they are somebody else's: with them, what contradicts them could be taken for hallucinated."""
+    alone, covariance_m2 = _solve_lengths(replace(segment, known=None))
+    if bones is None:
+        return alone, None
+    other = other_bone(bones, alone.lengths_m, covariance_m2, segment.skeleton.length_names)
+    if other is None:
+        return _solve_lengths(segment)[0], None
+    warnings.warn(f"the bones that were given are somebody else's, and are not used: {other}", stacklevel=5)
+    return alone, other
+
+
+def _solve_lengths(segment: Segment) -> tuple[Solution, Float[np.ndarray, "length length"]]:
+    """The same, and the covariance of the lengths."""
+    informed, solution = _settled(segment)
+    if not segment.active.any():
+        return solution, np.full(2 * solution.lengths_m.shape, np.nan)
+    lengths_m = first_known([solution.lengths_m, informed.lengths_m])
+    problem = NormalEquations(replace(informed, initial_m=solution.positions_m, lengths_m=lengths_m))
+    covariance_m2 = shared_errors(segment.evidence.time_s) ** 2 * problem.length_covariance_m2(problem.initial())
+    sigma_m = np.where(np.isfinite(solution.lengths_m), np.sqrt(np.diag(covariance_m2)), np.nan)
+    return _described(informed, replace(solution, length_sigma_m=sigma_m)), covariance_m2
+
+
+def _settled(segment: Segment) -> tuple[Segment, Solution]:
     """Alternate between a step to the optimum and the delays, hallucinated detections and process noise that follow
     from it (as expectation-maximisation does), until both have settled; then go to the optimum."""
     solution, visibility = _steps(segment, _FIRST_STEPS), None
@@ -166,8 +196,11 @@ def _solve(segment: Segment) -> Solution:
         if solution.convergence.converged:
             break
     informed = _informed(segment, solution, visibility)
-    solution = _optimum(informed)
-    return _with_covariance(informed, solution) if segment.config.solver.covariance else solution
+    return informed, _optimum(informed)
+
+
+def _described(informed: Segment, solution: Solution) -> Solution:
+    return _with_covariance(informed, solution) if informed.config.solver.covariance else solution
 
 
 def _steps(segment: Segment, count: int) -> Solution:
@@ -245,7 +278,7 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
     of_cameras = len(recording.evidence.time_s), rig.n_cameras, shape[1]
     positions_m, visibility, residual_px = np.empty((*shape, 3)), *np.full((2, *of_cameras), np.nan)
     (seen, observed), located = np.empty((2, *shape), dtype=bool), np.empty(shape[0], dtype=bool)
-    convergences, lengths_m = [], []
+    convergences, lengths_m, sigmas_m = [], [], []
     for window, solution in zip(windows, solved, strict=True):
         own = window.contributed
         evidence = replace(recording.evidence_of(own), visibility=solution.visibility)
@@ -253,6 +286,7 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
         seen[own], observed[own], located[own] = evidence.seen, evidence.observed, evidence.located.any(axis=1)
         convergences.append(solution.convergence)
         lengths_m.append(solution.lengths_m)
+        sigmas_m.append(solution.length_sigma_m)
     _warn_unless_converged(convergences, config)
     unseen_s = time_to_known_s(seen, recording.time_s)
     # Hallucinated detections, by what is known now, do not show that somebody is there.
@@ -281,6 +315,7 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
         residual_px=residual_px,
         camera_names=rig.names,
         bone_lengths_m=first_known(lengths_m),
+        bone_length_sigma_m=first_known(sigmas_m),
         convergence=Convergence.worst(convergences),
         config=config,
         visibility=visibility,

@@ -31,6 +31,8 @@ class Solution:
     """Standard deviation of each detection with which this was found, if it is of its joint."""
     widening_m2: Float[np.ndarray, "frame joint 3 3"] | None = None
     """What was added to the covariance of joints that fewer than two cameras see."""
+    length_sigma_m: Float[np.ndarray, " length"] | None = None
+    """Standard deviations of the lengths."""
 
     @staticmethod
     def of_nobody(segment: Segment) -> Solution:
@@ -128,6 +130,8 @@ def _digest(recording: Recording) -> str:
     for camera in recording.rig.cameras:
         digest.update(repr([_plain(getattr(camera, field.name)) for field in fields(camera)]).encode())
     digest.update(repr((recording.skeleton, recording.config)).encode())
+    if recording.known is not None:
+        digest.update(repr((recording.known.lengths_m.tolist(), recording.known.sigma_m.tolist())).encode())
     return digest.hexdigest()[:16]
 
 

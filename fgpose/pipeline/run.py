@@ -62,7 +62,7 @@ def run_smooth(
         people = smooth_people(source.observations, source.rig, config, progress, known, unfinished)
         return Result(source, config, {"smoothed": people.trajectories}, ("smoothed",), people.association)
     evidence, given = source.gathered(config), (source.observations.skeleton, source.rig, config)
-    smoothed = smooth_evidence(evidence, *given, progress, unfinished)
+    smoothed = smooth_evidence(evidence, *given, progress, unfinished, source.bones)
     if not compare:
         return _of_one(source, config, {"smoothed": smoothed}, "smoothed")
     some = evidence.frames(slice(None, None, compare))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Generic
 
 from fgpose.association.chosen_person import Chosen, PersonRegion, chosen_person, main_person
@@ -14,10 +15,13 @@ from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered, gather_long
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
+from fgpose.io.trajectories import load_trajectory
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.freed_memory import hand_back
+from fgpose.plain_files import naming
+from fgpose.skeleton import BoneLengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +36,8 @@ class Source(Generic[Recording]):
     """Who it is of how many, where somebody was chosen."""
     succession: Succession | None = field(default=None, repr=False)
     """Who comes after whom, where no image shows more than one person and somebody comes after somebody has gone."""
+    bones: BoneLengths | None = field(default=None, repr=False)
+    """Of the one person, from an earlier recording."""
     _gathered: dict[Config, Evidence | Gathered] = field(default_factory=dict, init=False, repr=False)
 
     def gathered(self, config: Config) -> Evidence | Gathered:
@@ -88,6 +94,27 @@ class Source(Generic[Recording]):
         if n_frames is None:
             return self
         return replace(self, observations=self.observations.first_frames(n_frames))
+
+    def with_bones(self, path: Path) -> Source[Recording]:
+        """With the bone lengths of an earlier result of the same person, who is alone in it.
+
+        Raises:
+            ValueError: this is a recording of several people, or so is the result; it has no bone lengths, or those of
+                another skeleton; or it is damaged.
+            OSError: it cannot be read.
+        """
+        if isinstance(self.observations, PeopleObservations):
+            raise ValueError(f"{path}: whose bones are these? There are several people: choose one of them")
+        earlier, skeleton = load_trajectory(path), self.observations.skeleton
+        with naming(path):
+            bones = earlier.bones
+            if bones is None:
+                raise ValueError("it has no bone lengths; parquet and npz files of smooth and track have them")
+            if earlier.skeleton.length_names != skeleton.length_names:
+                raise ValueError(
+                    f"its bones are of skeleton {earlier.skeleton.name}, the recording has {skeleton.name}"
+                )
+        return replace(self, bones=bones)
 
     def subset(self, cameras: tuple[str, ...]) -> Source[Recording]:
         """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""

@@ -15,13 +15,12 @@ from fgpose.association.track import TrackEvent
 from fgpose.config import Config
 from fgpose.correspondences import Seen, SeenInImage
 from fgpose.estimation.estimator import Estimator
-from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.pipeline.result import Result
-from fgpose.pipeline.source import AnySource
+from fgpose.pipeline.source import AnySource, Source
 from fgpose.sampling import nearest
 from fgpose.tracking import Tracked, Tracker
 from fgpose.trajectory import Estimate, Trajectory
@@ -54,7 +53,7 @@ def run_track(
     replay: _OfOne | _OfEverybody = (
         _OfEverybody(observations, source.rig, config)
         if isinstance(observations, PeopleObservations)
-        else _OfOne(observations, source.rig, source.evidence(config), config)
+        else _OfOne(source, config)
     )
     with replay:
         for frame, update in enumerate(replay):
@@ -81,9 +80,11 @@ class _OfOne:
 
     association = None
 
-    def __init__(self, observations: Observations, rig: CameraRig, evidence: Evidence, config: Config) -> None:
-        self._observations, self._rig, self._evidence = observations, rig, evidence
-        self._estimator = Estimator(rig, observations.skeleton, config)
+    def __init__(self, source: Source[Observations], config: Config) -> None:
+        self._observations, self._rig, self._evidence = source.observations, source.rig, source.evidence(config)
+        self._estimator = Estimator(self._rig, self._observations.skeleton, config)
+        if source.bones is not None:
+            self._estimator.know(source.bones)
 
     def __enter__(self) -> _OfOne:
         return self
@@ -175,9 +176,10 @@ def _by_person(
     for frame, people in enumerate(estimates):
         for person, newest in people.items():
             estimate = newest.smoothed if lagged else newest
+            lengths = {"bone_lengths": newest.bone_lengths, "other_bone": newest.other_bone}
             if estimate is not None:
                 at = int(nearest(np.array([estimate.time_s]), time_s)[0]) if lagged else frame
-                by_person.setdefault(person, {})[at] = replace(estimate, frame=at, time_s=float(time_s[at]))
+                by_person.setdefault(person, {})[at] = replace(estimate, frame=at, time_s=float(time_s[at]), **lengths)
     trajectories = {}
     for person, own in sorted(by_person.items()):
         frames = np.array(sorted(own))

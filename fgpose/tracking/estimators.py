@@ -15,8 +15,8 @@ from fgpose.estimation.estimator import Estimator
 from fgpose.estimation.online.arrivals import TooLateError
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import BoneLengths, Estimate
+from fgpose.skeleton import BoneLengths, Skeleton
+from fgpose.trajectory import Estimate
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from fgpose.trajectory import BoneLengths
+from fgpose.skeleton import BoneLengths
 
 
 class KnownBones:

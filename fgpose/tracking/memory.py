@@ -9,9 +9,8 @@ from fgpose.association.follow import Follower
 from fgpose.association.identity import Lengths, Likeness, Passage
 from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.io.live.tracker_memory import Numbers, RememberedPerson, RememberedSimilarity, TrackerMemory
-from fgpose.skeleton import Skeleton
+from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.tracking.known_bones import KnownBones
-from fgpose.trajectory import BoneLengths
 
 
 def memory_of(follower: Follower, bones: KnownBones, offsets: RunningOffsets, time_s: float) -> TrackerMemory:

@@ -61,6 +61,7 @@ def test_all_shapes_that_belong_together_are_taken(parts: dict[str, Any], skelet
         ("residual_px", (FRAMES, 3, 17)),
         ("visibility", (FRAMES, 2, 16)),
         ("bone_lengths_m", (16,)),
+        ("bone_length_sigma_m", (16,)),
     ],
 )
 def test_a_shape_that_does_not_fit_is_one_clear_error(parts: dict[str, Any], name: str, shape: tuple[int, ...]) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from tyro.conf import arg
 
 from fgpose.cli.calibration import calibrated
 from fgpose.cli.console import new_console, progress_bar
@@ -27,12 +30,33 @@ class EstimatorOptions(ParameterOptions, RecordingOptions):
         """Where the results go, once it is certain that they can be written there."""
         outputs = self.outputs(self.keypoints)
         calibration = self.refine_calibration or self.estimate_time_offsets
-        outputs.check(saved, (self.keypoints, self.rig), calibration=calibration)
+        outputs.check(saved, self.inputs, calibration=calibration)
         return outputs
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """What must not be overwritten."""
+        return self.keypoints, self.rig
 
 
 @dataclass(frozen=True, kw_only=True)
-class Smooth(EstimatorOptions):
+class OverTimeOptions(EstimatorOptions):
+    """What smooth and track have in common."""
+
+    bones: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
+    """An earlier result of the same person (parquet, npz), whose bone lengths it begins with. If they are seen to be
+    somebody else's, they are not used, and that is said."""
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        return (*super().inputs, *([self.bones] if self.bones else []))
+
+    def prepared(self, source: Source[Recording]) -> Source[Recording]:
+        return super().prepared(source if self.bones is None else source.with_bones(self.bones))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smooth(OverTimeOptions):
     """Smooth a recording: the most probable motion of all frames.
 
     Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. Of several people, all are in NAME.parquet, and
@@ -93,7 +117,7 @@ class Refine(EstimatorOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Track(EstimatorOptions):
+class Track(OverTimeOptions):
     """Replay a recording through the online estimator, and time it.
 
     Frame by frame, as if it were live. Writes NAME_online.* (the newest pose after each frame) and NAME_smoothed.*

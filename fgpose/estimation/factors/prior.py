@@ -74,11 +74,16 @@ class LengthPriors:
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[LengthPriors]:
-        known = np.isfinite(segment.lengths_m)
-        covariance_m2 = np.diag(np.where(known, segment.length_sigma_m, 1.0) ** 2)
+        lengths_m, sigma_m = segment.lengths_m, np.broadcast_to(segment.length_sigma_m, segment.lengths_m.shape)
+        if segment.known is not None:
+            before = np.isfinite(segment.known.lengths_m)
+            lengths_m = np.where(before, segment.known.lengths_m, lengths_m)
+            sigma_m = np.where(before, segment.known.sigma_m, sigma_m)
+        known = np.isfinite(lengths_m)
+        covariance_m2 = np.diag(np.where(known, sigma_m, 1.0) ** 2)
         if segment.length_covariance_m2 is not None:
             covariance_m2 = np.where(np.outer(known, known), segment.length_covariance_m2, covariance_m2)
-        yield cls(np.where(known, segment.lengths_m, 0.0), covariance_m2, segment.estimated_lengths)
+        yield cls(np.where(known, lengths_m, 0.0), covariance_m2, segment.estimated_lengths)
 
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]:
         """One for each length, or one of all where they are correlated."""

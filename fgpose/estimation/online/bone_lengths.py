@@ -9,16 +9,17 @@ from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence, concatenated
-from fgpose.estimation.noise import CORRELATION_S, correlated_frames
+from fgpose.estimation.evidence.other_bones import other_bone, without_known
+from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import blas_libraries, one_blas_thread
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.geometry.camera import CameraRig
 from fgpose.kinematics.proportions import shares_of_stature
-from fgpose.sampling import TIME_ROUNDING_S, usual_step_s
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import BoneLengths
+from fgpose.sampling import TIME_ROUNDING_S
+from fgpose.skeleton import BoneLengths, Skeleton
+from fgpose.trajectory import OtherBone
 
 _FIRST_STEP_S = 0.05  # from one frame of the sample to the next, until it is full
 _MOST_FRAMES = 32  # twice as many change the errors on the tuning clips of the benchmark by less than 1 %
@@ -38,7 +39,8 @@ class RunningLengths:
 
     So that no update waits for all of it, each makes one step of the optimiser.
 
-    Lengths that are known of the same person from before are a prior of these.
+    Lengths that are known of the same person from before are a prior of these, until it is seen that they are somebody
+    else's.
     """
 
     def __init__(self, skeleton: Skeleton, config: Config) -> None:
@@ -54,6 +56,8 @@ class RunningLengths:
         self._estimation: _Estimation | None = None  # while it goes on
         self._before = self.learned = BoneLengths.unknown(self._skeleton.n_lengths)
         """Of bones that have been complete."""
+        self.other_bone: OtherBone | None = None
+        """Why what was known from before is not used any more."""
 
     def know(self, before: BoneLengths) -> None:
         """Go on from what is known of the same person already."""
@@ -107,7 +111,14 @@ class RunningLengths:
         return _Estimation(sample, self._before)
 
     def _take_lengths(self, estimation: _Estimation) -> None:
-        lengths_m, sigma_m = estimation.lengths_m, estimation.sigma_m
+        lengths_m, covariance_m2 = estimation.lengths_m, estimation.covariance_m2
+        seen = without_known(self._before, lengths_m, covariance_m2)
+        other = other_bone(self._before, *seen, self._skeleton.length_names)
+        if other is not None:
+            self.know(BoneLengths.unknown(self._skeleton.n_lengths))
+            self.other_bone = other
+            return
+        sigma_m = np.sqrt(np.diag(covariance_m2))
         known = (lengths_m > 0) & np.isfinite(sigma_m)
         self.learned = BoneLengths(np.where(known, lengths_m, np.nan), sigma_m).or_else(self.learned)
 
@@ -120,8 +131,7 @@ class _Estimation:
     """
 
     def __init__(self, sample: Segment, before: BoneLengths) -> None:
-        # Neighbouring frames share their errors: all deviations of the problem are too small by this factor.
-        self._inflation = np.sqrt(correlated_frames(usual_step_s(sample.evidence.time_s), CORRELATION_S))
+        self._inflation = shared_errors(sample.evidence.time_s)  # all deviations of the problem are too small by it
         guess_m, sigma_m = sample.lengths_m, np.broadcast_to(sample.length_sigma_m, sample.lengths_m.shape)
         lengths_m, covariance_m2 = prior(sample.skeleton, before, guess_m, sigma_m)
         covariance_m2 = covariance_m2 / self._inflation**2
@@ -135,8 +145,8 @@ class _Estimation:
         return self._problem.lengths_m(self._search.state)
 
     @property
-    def sigma_m(self) -> Float[np.ndarray, " length"]:
-        return self._inflation * self._problem.length_sigma_m(self._search.state)
+    def covariance_m2(self) -> Float[np.ndarray, "length length"]:
+        return self._inflation**2 * self._problem.length_covariance_m2(self._search.state)
 
     def has_settled(self) -> bool:
         """After one more step; lengths settle long before the joints that are hardly seen."""

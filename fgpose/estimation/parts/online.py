@@ -138,6 +138,7 @@ def of_whole_body(skeleton: Skeleton, body: Estimate, parts: Sequence[Estimate])
         smoothed=_joined(smoothed, skeleton) if len(smoothed) == len(found) else None,
         n_repairs=sum(each.n_repairs for _, each in found),
         bone_lengths=of_all_lengths(skeleton, lengths) if lengths else None,
+        other_bone=next((each.other_bone for _, each in found if each.other_bone is not None), None),
     )
 
 

@@ -28,8 +28,8 @@ from fgpose.estimation.visibility.sole_views import RunningSoleViews
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import TIME_ROUNDING_S
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import BoneLengths, Estimate
+from fgpose.skeleton import BoneLengths, Skeleton
+from fgpose.trajectory import Estimate
 
 _APPLY_OFFSETS_S = 0.5  # a new rig costs a millisecond, and offsets change slowly
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at

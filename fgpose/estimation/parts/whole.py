@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Int
 
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import BoneLengths
+from fgpose.skeleton import BoneLengths, Skeleton
 
 
 def of_all_joints(

@@ -159,14 +159,13 @@ class NormalEquations:
         lengths_m[self._segment.estimated_lengths] = state.lengths_m[self._segment.estimated_lengths]
         return lengths_m
 
-    def length_sigma_m(self, state: BatchState) -> Float[np.ndarray, " length"]:
-        """Standard deviation of every shared bone length, errors of frames taken for independent; NaN if it is not
+    def length_covariance_m2(self, state: BatchState) -> Float[np.ndarray, "length length"]:
+        """Covariance of the shared bone lengths, errors of frames taken for independent; NaN if it is not
         determined."""
         try:
-            variance_m2 = np.diag(self._factorize(self._information(state)).shared_covariance)
+            return self._factorize(self._information(state)).shared_covariance
         except np.linalg.LinAlgError:
-            return np.full(state.lengths_m.shape, np.nan)
-        return np.sqrt(variance_m2)
+            return np.full(2 * state.lengths_m.shape, np.nan)
 
     def matrix(self, state: BatchState, near: Factorized | None = None) -> BlockTridiagonal:
         """Factorised, with a prior where there must be one (see linearized), and raises as it does.

@@ -18,6 +18,8 @@ from fgpose.io.content import parse_json
 from fgpose.io.skeletons.tables import joint_indices, joint_names, skeleton_from_json, skeleton_to_json
 from fgpose.trajectory import Convergence, Status, Trajectory
 
+_OF_LENGTHS = ("bone_lengths_m", "bone_length_sigma_m")
+
 
 def describe(trajectory: Trajectory) -> dict[str, str]:
     """Texts from which described() restores all of a trajectory but its arrays over time: JSON, the config as TOML."""
@@ -25,8 +27,10 @@ def describe(trajectory: Trajectory) -> dict[str, str]:
         "skeleton": skeleton_to_json(trajectory.skeleton),
         "camera_names": json.dumps(trajectory.camera_names),
     }
-    if trajectory.bone_lengths_m is not None:
-        texts["bone_lengths_m"] = json.dumps([_or_null(length_m) for length_m in trajectory.bone_lengths_m.tolist()])
+    for name in _OF_LENGTHS:
+        lengths_m = getattr(trajectory, name)
+        if lengths_m is not None:
+            texts[name] = json.dumps([_or_null(length_m) for length_m in lengths_m.tolist()])
     if trajectory.convergence is not None:
         convergence = dataclasses.asdict(trajectory.convergence)
         texts["convergence"] = json.dumps({name: _or_null(value) for name, value in convergence.items()})
@@ -49,7 +53,7 @@ def described(texts: dict[str, str]) -> dict[str, Any]:
     readers = {
         "skeleton": skeleton_from_json,
         "camera_names": lambda text: joint_names(parse_json(text)),
-        "bone_lengths_m": _lengths_from_json,
+        **dict.fromkeys(_OF_LENGTHS, _lengths_from_json),
         "convergence": _convergence_or_none,
         "implausible_frames": lambda text: joint_indices(parse_json(text)),
         "config": _config_or_none,

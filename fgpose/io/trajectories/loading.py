@@ -211,4 +211,5 @@ def _in_order_of(skeleton: Skeleton, trajectory: Trajectory) -> Trajectory:
         visibility=arranged_if_known(trajectory.visibility, 2),
         # Lengths belong to the bones of the file's skeleton.
         bone_lengths_m=None,
+        bone_length_sigma_m=None,
     )

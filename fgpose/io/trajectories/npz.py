@@ -13,7 +13,8 @@ from fgpose.io.trajectories.description import describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
 _ARRAYS = ("covariance_m2", "residual_px", "visibility")
-_TEXTS = ("skeleton", "camera_names", "bone_lengths_m", "convergence", "implausible_frames", "config")
+_LENGTHS = "bone_lengths_m", "bone_length_sigma_m"
+_TEXTS = ("skeleton", "camera_names", *_LENGTHS, "convergence", "implausible_frames", "config")
 
 
 def write_npz(trajectory: Trajectory, path: Path, made_by: str = "") -> None:

@@ -46,8 +46,9 @@ def write_parquet(
     reprojection errors in undistorted pixels; status (observed, predicted, unobservable); and, where they are known,
     the errors of each camera in residual_px_<camera>, and the probability that its detection is of the joint in
     visibility_<camera>. What is not known is null. The metadata of the file (keys fgpose.*) hold the skeleton, cameras,
-    bone lengths and convergence as JSON and the config as TOML; what is not everybody's has the number of its person
-    (fgpose.bone_lengths_m.3). fgpose.origin, where it is known, says what they were made from (fgpose.io.origin).
+    bone lengths with standard deviations and convergence as JSON and the config as TOML; what is not everybody's has
+    the number of its person (fgpose.bone_lengths_m.3). fgpose.origin, where it is known, says what they were made from
+    (fgpose.io.origin).
 
     Args:
         people: by number, one at least.

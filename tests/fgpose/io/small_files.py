@@ -88,6 +88,7 @@ def trajectory() -> Trajectory:
         residual_px=rng.uniform(0, 5, (N_FRAMES, 2, STICK.n_joints)),
         camera_names=("cam_1", "cam_2"),
         bone_lengths_m=np.linspace(0.2, 0.5, STICK.n_lengths),
+        bone_length_sigma_m=np.linspace(0.004, 0.01, STICK.n_lengths),
         convergence=Convergence(True, 7, 10.0, 1.0),
         config=Config(),
         visibility=rng.uniform(size=(N_FRAMES, 2, STICK.n_joints)),

@@ -79,7 +79,7 @@ def test_a_table_of_people_needs_no_fgpose(people, tmp_path):
 def test_metadata_that_everybody_shares_are_there_once(people, tmp_path):
     save_people(people, tmp_path / "result.parquet")
     keys = {key.decode() for key in pq.read_schema(tmp_path / "result.parquet").metadata if key.startswith(b"fgpose.")}
-    shared = {"skeleton", "camera_names", "config", "has_covariance"}
+    shared = {"skeleton", "camera_names", "config", "has_covariance", "bone_length_sigma_m"}
     own = {f"{name}.{person}" for name in ("bone_lengths_m", "convergence") for person in people}
     assert {key.removeprefix("fgpose.") for key in keys} == shared | own
 

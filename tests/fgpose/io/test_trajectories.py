@@ -51,6 +51,7 @@ def trajectory() -> Trajectory:
         residual_px=residual_px,
         camera_names=CAMERAS,
         bone_lengths_m=lengths_m,
+        bone_length_sigma_m=lengths_m / 50,
         convergence=Convergence(converged=True, iterations=7, initial_error=1 / 3, final_error=0.1),
         config=Config(motion=MotionConfig(model="random_walk"), online=OnlineConfig(lag_s=math.inf)),
         visibility=np.where(np.isnan(residual_px), np.nan, rng.uniform(size=residual_px.shape)),
@@ -156,7 +157,7 @@ def test_joints_come_in_the_order_of_the_skeleton_asked_for(trajectory, tmp_path
     np.testing.assert_array_equal(loaded.residual_px[..., ours], trajectory.residual_px[..., theirs])
     assert loaded.visibility is not None
     np.testing.assert_array_equal(loaded.visibility[..., ours], trajectory.visibility[..., theirs])
-    assert loaded.bone_lengths_m is None
+    assert (loaded.bone_lengths_m, loaded.bone_length_sigma_m) == (None, None)
 
 
 def test_joints_that_the_file_lacks_are_unobservable(tmp_path):

@@ -16,8 +16,7 @@ from fgpose.estimation.initial_guess import median_lengths
 from fgpose.estimation.online import bone_lengths
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.geometry.camera import CameraRig
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import BoneLengths
+from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose_benchmarks.synthetic import (
     NO_NOISE,
     NO_OCCLUSION,

@@ -12,8 +12,8 @@ import fgpose
 from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.smoother import smooth_evidence
-from fgpose.skeleton import Skeleton
-from fgpose.trajectory import BoneLengths, Status
+from fgpose.skeleton import BoneLengths, Skeleton
+from fgpose.trajectory import Status
 from fgpose_benchmarks.synthetic import NO_NOISE, DetectionNoise, Scene, embedded_motion, ring_rig
 from fgpose_benchmarks.synthetic.whole_body import simulate_whole_body, whole_body_of
 
@@ -92,6 +92,17 @@ def test_lengths_of_fingers_are_the_true_ones(scene: Scene, smoothed: fgpose.Tra
     fingers = [bone for bone, pair in enumerate(skeleton.bones) if "pip" in skeleton.bone_name(pair)]
     # Noise of 5 mm on joints 2 to 5 cm apart, in 60 frames of correlated errors.
     np.testing.assert_allclose(smoothed.bone_lengths_m[numbers[fingers]], true_m[fingers], atol=0.004)
+
+
+def test_what_is_known_of_all_bones_goes_to_its_part(scene: Scene, smoothed: fgpose.Trajectory):
+    bones = smoothed.bones
+    assert bones is not None
+    again = fgpose.smooth(scene.observations.frames(slice(0, 10)), scene.rig, bones=bones)
+    assert again.other_bone is None
+    assert again.bone_length_sigma_m is not None
+    known = np.isfinite(bones.lengths_m)
+    assert known.sum() > 30  # body and fingers
+    assert (again.bone_length_sigma_m[known] <= bones.sigma_m[known]).all()
 
 
 def test_a_hand_that_no_camera_sees_follows_the_wrist(scene: Scene, skeleton: Skeleton):
