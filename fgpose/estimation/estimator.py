@@ -12,7 +12,7 @@ from fgpose.estimation.parts.online import HungPart, of_whole_body
 from fgpose.estimation.parts.part_estimator import PartEstimator
 from fgpose.estimation.parts.whole import of_part
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.changing_rig import refuse_changing
+from fgpose.geometry.changing_rig import refuse_changing, warn_far_apart
 from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import Observations
 from fgpose.skeleton import BoneLengths, Skeleton
@@ -42,6 +42,7 @@ class Estimator:
         offsets: RunningOffsets | None = None,
     ) -> None:
         refuse_changing(rig)
+        warn_far_apart(rig)
         skeleton = as_skeleton(skeleton)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         body = skeleton.of_joints(skeleton.body) if skeleton.parts else skeleton

@@ -6,6 +6,7 @@ import copy
 import itertools
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -366,6 +367,14 @@ def test_bad_frames_are_refused(mocap_clear: Scene, rig: fgpose.CameraRig) -> No
     stranger = replace(observations.frames(slice(0, 1)), camera_names=("a", "b", "c", "d"))
     with pytest.raises(ValueError, match="lacks camera a, b, c, d"):
         estimator.update(stranger)
+
+
+def test_images_that_are_far_apart_by_the_rig_are_warned_of(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    with pytest.warns(UserWarning, match=r"taken up to 0\.2 s apart.*on_common_clock"):
+        fgpose.Estimator(rig.with_time_offsets(np.array([0.0, 0.1, -0.1, 0.0])), skeleton)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fgpose.Estimator(rig.with_time_offsets(np.array([1.0, 1.05, 1.0, 1.0])), skeleton)
 
 
 @pytest.mark.slow
