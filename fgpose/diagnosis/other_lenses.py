@@ -44,9 +44,9 @@ _OF_LENS = {
         "Are the coefficients those of OpenCV's pinhole, k1 k2 p1 p2? Say so in the calibration.",
     ),
     Lens.FISHEYE: (
-        "The lens of {who} is a fisheye lens, and the calibration has it as a pinhole",
-        "Are the coefficients those of cv2.fisheye? Say so in the calibration (lens: fisheye), or calibrate {whose} "
-        "anew as one.",
+        "The lens of {who} is not the calibration's: as a fisheye lens with the same coefficients it suits better",
+        "Are the coefficients those of cv2.fisheye? Then say so in the calibration (lens: fisheye). Are they those of "
+        "another lens? Then calibrate {whose} anew.",
     ),
 }
 

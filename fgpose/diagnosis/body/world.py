@@ -104,7 +104,9 @@ def _unusual(tall_m: float) -> Finding:
     who = "a child" if tall_m < _USUAL_M else "so tall"
     return Finding(
         Code.UNIT,
-        Severity.NOTE,
+        Severity.NOTE
+        if tall_m < _USUAL_M
+        else Severity.DOUBTFUL,  # there are many children, and hardly anybody so tall
         f"By the lengths of the limbs the person is {tall_m:.2f} m tall: {who}, or all lengths of the calibration are "
         f"{tall_m / _USUAL_M:.1f} of the true ones",
         "Measure one length in the room, or the person: nothing else tells a scale that is a little off.",

@@ -70,6 +70,14 @@ def _copies(examined: Examined) -> Iterator[Finding]:
 
 def _nothing_in_common(examined: Examined) -> Finding:
     n_seen = int(examined.seen.any(axis=(0, 2)).sum())
+    if not n_seen:
+        return Finding(
+            Code.NO_AGREEMENT,
+            Severity.WRONG,
+            "No camera has a detection: all keypoints are missing, or have confidence 0, which says the same",
+            "Give the confidences of the detector, or 1 for what was detected.",
+            1.0,
+        )
     return Finding(
         Code.NO_AGREEMENT,
         Severity.WRONG,

@@ -35,7 +35,7 @@ def nobody(examined: Examined) -> list[Finding]:
     """Stretches of time without anybody, and those that one camera sees alone."""
     time_s, n_cameras = cameras_with_somebody(examined)
     # Of one person, others may have been there.
-    who = "The person is" if examined.association is None else "Nobody is"
+    who = "The person is in no image" if examined.association is None else "Nobody is in any image"
     if examined.rig.n_cameras < 2:
         return _absent(time_s, n_cameras, who)
     return [*_absent(time_s, n_cameras, who), *_alone(time_s, n_cameras)]
@@ -64,7 +64,7 @@ def _absent(time_s: Float[np.ndarray, " frame"], n_cameras: Int[np.ndarray, " fr
         Finding(
             Code.NOBODY,
             Severity.NOTE,
-            f"{who} in no image in {100 * share:.0f} % of the time: {_listed(intervals)}",
+            f"{who} in {100 * share:.0f} % of the time: {_listed(intervals)}",
             "There are no results there. If that is not true, is the detector's threshold too high?",
             0.3 * share,
             from_s=intervals[0][0],

@@ -103,12 +103,18 @@ def test_a_unit_is_found_by_the_size_of_the_body(seen, rig, factor: float, words
     assert finding.numbers["factor"] == pytest.approx(1 / factor, rel=0.1)
 
 
-@pytest.mark.parametrize(("factor", "words"), [(0.7, "a child, or"), (1.35, "so tall, or"), (0.92, None)])
-def test_a_scale_that_is_off_by_a_third_is_noted(seen, rig, factor: float, words: str | None) -> None:
-    """Some people are so small or so tall: it is no more than a note."""
-    found = wrong_unit(Examined.of(seen, scaled(rig, factor)))
-    assert [each.severity for each in found] == ([Severity.NOTE] if words else [])
-    assert all(words in each.reason for each in found if words)
+@pytest.mark.parametrize(
+    ("factor", "severity", "words"), [(0.7, Severity.NOTE, "a child, or"), (1.35, Severity.DOUBTFUL, "so tall, or")]
+)
+def test_a_scale_that_is_off_by_a_third_is_said(seen, rig, factor: float, severity: Severity, words: str) -> None:
+    """Children are so small; hardly anybody is so tall."""
+    (finding,) = wrong_unit(Examined.of(seen, scaled(rig, factor)))
+    assert finding.severity is severity
+    assert words in finding.reason
+
+
+def test_a_scale_that_fits_somebody_is_right(seen, rig) -> None:
+    assert wrong_unit(Examined.of(seen, scaled(rig, 0.92))) == []
 
 
 def test_a_unit_is_found_by_one_arm() -> None:

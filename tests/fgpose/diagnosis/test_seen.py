@@ -152,6 +152,11 @@ def test_coarse_numbers_of_somebody_who_hardly_moves_are_no_repetitions(seen, ri
     assert repeated_images(Examined.of(with_points(seen, np.round(still_px)), rig)) == []
 
 
+def test_confidences_of_zero_are_said(seen, rig) -> None:
+    diagnosis = fgpose.diagnose(replace(seen, confidence=np.zeros(seen.confidence.shape)), rig)
+    assert diagnosis.findings[0].reason.startswith("No camera has a detection: all keypoints are missing, or have conf")
+
+
 def test_missing_joints_that_are_written_as_zero(seen, rig) -> None:
     points_px, legs = seen.points2d_px.copy(), [SKELETON.index(f"{side}_knee") for side in ("left", "right")]
     points_px[:, :, legs] = 0.0
