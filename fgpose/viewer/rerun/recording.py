@@ -15,6 +15,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis, up_vector
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections
+from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, Trajectory
 from fgpose.viewer.pictures import PictureOptions
@@ -107,16 +108,20 @@ class RerunRecording(RerunSession, Recording):
         every: int = 1,
     ) -> None:
         self._check_observations(observations, weights)
-        kept = self._kept_of("the observations have", every)
-        shown = observations.frames(kept)
-        weights, undistorted_px = (None if each is None else each[kept] for each in (weights, undistorted_px))
-        rows = observation_rows(shown, self._rig, weights, undistorted_px)
-        self._send(rows, shown.frame_time_s, step=self._every)
+        shown = observations.frames(kept := self._kept_of("the observations have", every))
+        more = [None if each is None else each[kept] for each in (weights, undistorted_px)]
+        for part in parts_of(shown.n_frames):
+            of_part = (None if each is None else each[part] for each in more)
+            rows = observation_rows(shown.frames(part), self._rig, *of_part)
+            self._send(rows, shown.frame_time_s[part], self._every * part.start, self._every)
 
     def log_trajectory(self, name: str, trajectory: Trajectory, every: int = 1) -> None:
         self._check_trajectory(name, trajectory)
-        shown = trajectory.frames(self._kept_of(f"trajectory {name} has", every))
-        self._send(trajectory_rows(name, shown, self._rig, self._look(name)), shown.time_s, step=self._every)
+        shown, before = trajectory.frames(self._kept_of(f"trajectory {name} has", every)), None
+        for part in parts_of(shown.n_frames):
+            rows = trajectory_rows(name, shown.frames(part), self._rig, self._look(name), before)
+            self._send(rows, shown.time_s[part], self._every * part.start, self._every)
+            before = shown.status[part.stop - 1]
 
     def log_residuals(
         self,
@@ -128,8 +133,10 @@ class RerunRecording(RerunSession, Recording):
         if residuals:
             kept = self._kept_of("the residuals have", every)
             self._name_factors(tuple(residuals))
-            shown = {factor: values[kept] for factor, values in residuals.items()}
-            self._send(residual_rows(self._skeleton, shown), time_s[kept], step=self._every)
+            for part in parts_of(len(time_s[kept])):
+                shown = {factor: values[kept][part] for factor, values in residuals.items()}
+                now = time_s[kept][part], self._every * part.start, self._every
+                self._send(residual_rows(self._skeleton, shown), *now)
 
     def _kept_of(self, what_has: str, every: int) -> slice:
         """Of one frame in so many, those that are shown."""
@@ -138,8 +145,7 @@ class RerunRecording(RerunSession, Recording):
         return slice(None, None, self._every // every)
 
     def log_update_times(self, time_s: Float[np.ndarray, " frame"], update_ms: Float[np.ndarray, " frame"]) -> None:
-        rows = [scalar_rows(paths.UPDATE_MS, update_ms[self._kept])]
-        self._send(rows, time_s[self._kept], step=self._every)
+        self._send([scalar_rows(paths.UPDATE_MS, update_ms[self._kept])], time_s[self._kept], step=self._every)
 
     def log_estimate(
         self,
@@ -255,9 +261,11 @@ class RerunRecording(RerunSession, Recording):
         skipped = -first_frame % self._every
         kept = slice(skipped, None, self._every)
         for person, trajectory in people.items():
-            status = going_on[person].status if person in going_on else None
-            rows = person_rows(person, trajectory.frames(kept), self._rig, up_vector(self._up), status)
-            self._send(rows, time_s[kept], first_frame + skipped, self._every)
+            shown, status = trajectory.frames(kept), going_on[person].status if person in going_on else None
+            for part in parts_of(shown.n_frames):
+                rows = person_rows(person, shown.frames(part), self._rig, up_vector(self._up), status)
+                self._send(rows, time_s[kept][part], first_frame + skipped + self._every * part.start, self._every)
+                status = shown.status[part.stop - 1]
             last_frame = first_frame + trajectory.n_frames - 1
             self._last[person] = _Last(last_frame, trajectory.status[-1].copy(), absent(trajectory))
         self._end()

@@ -12,8 +12,8 @@ from shown_people import FIRST, SECOND, SECOND_FRAMES, SKELETON, Update, n_rows,
 from fgpose.association.recording import Association
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.sampling import TimeRange, thinning
-from fgpose.trajectory import Trajectory
+from fgpose.sampling import TimeRange, parts_of, thinning
+from fgpose.trajectory import Status, Trajectory
 from fgpose.viewer import Recording, open_people_recording, open_recording
 
 pytest.importorskip("rerun")
@@ -51,6 +51,25 @@ def test_one_frame_in_so_many_is_shown_as_it_is(rig: CameraRig, first: Trajector
         whole = rows(tmp_path / "all.rrd", *of_entity)
         assert rows(tmp_path / "some.rrd", *of_entity) == {n: whole[n] for n in range(0, N_FRAMES, every)}
     assert static_value(tmp_path / "some.rrd", "/__properties", "RecordingInfo:name") == "some, one frame in 4"
+
+
+def test_a_long_recording_is_logged_in_parts_that_do_not_show(
+    rig: CameraRig, first: Trajectory, tmp_path: Path
+) -> None:
+    n_frames, wrist = parts_of(10**6)[2].start + 1, SKELETON.index("left_wrist")
+    of_first = np.arange(n_frames) % N_FRAMES
+    status = np.full((n_frames, SKELETON.n_joints), Status.OBSERVED)
+    status[990:1011, wrist] = Status.PREDICTED
+    times_s = 10.0 + np.arange(n_frames) / 50
+    long = Trajectory(SKELETON, times_s, first.positions_m[of_first], status)
+    seen = Observations(SKELETON, times_s, rig.project(long.positions_m), camera_names=rig.names)
+    with open_recording(tmp_path / "long.rrd", rig, SKELETON, ("smoothed",)) as recording:
+        recording.log_observations(seen)
+        recording.log_trajectory("smoothed", long)
+        recording.log_residuals(times_s, {"motion": np.ones(status.shape)})
+    for of_entity in (JOINTS["smoothed"], DETECTIONS, ("/plots/residual/left_wrist", "Scalars:scalars")):
+        assert list(rows(tmp_path / "long.rrd", *of_entity)) == list(range(n_frames))
+    assert list(rows(tmp_path / "long.rrd", "/status/smoothed/left_wrist", "StateChange:state")) == [990, 1011]
 
 
 def test_a_result_may_have_the_frames_alone_that_are_shown(rig: CameraRig, first: Trajectory, tmp_path: Path) -> None:
