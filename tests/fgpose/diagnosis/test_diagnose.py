@@ -11,8 +11,12 @@ import pytest
 import fgpose
 from fgpose.cli import main
 from fgpose.diagnosis import Code, Severity
+from fgpose.diagnosis.camera_checks import few_cameras
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.io.trajectories import load_origin
 from fgpose_benchmarks.synthetic import Scene
+from fgpose_benchmarks.synthetic.rig import look_at
+from tests.fgpose.diagnosis.damaged import SKELETON, motion_m
 from tests.wrong_rigs import turned
 
 
@@ -20,6 +24,27 @@ def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:
     diagnosis = fgpose.diagnose(walking_scene.observations, walking_scene.rig)
     assert diagnosis.worst in (None, Severity.NOTE)
     assert set(diagnosis.not_judged) == {"frame rate", "clocks and poses over time"}  # it is short
+
+
+@pytest.mark.parametrize(("second_deg", "severity"), [(5, Severity.DOUBTFUL), (60, Severity.NOTE)])
+def test_two_cameras_side_by_side_are_doubtful(second_deg: float, severity: Severity) -> None:
+    """Four metres from somebody at the origin."""
+    truth_m = motion_m()
+    angles = np.deg2rad([0.0, second_deg])
+    places_m = [np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.0]) for angle in angles]
+    K = np.array([[1400.0, 0, 960], [0, 1400.0, 540], [0, 0, 1]])
+    cameras = (
+        fgpose.Camera(f"cam{c}", (1920, 1080), K, look_at(at_m, np.array([0, 0, 1.0])), np.zeros(0))
+        for c, at_m in enumerate(places_m)
+    )
+    rig = fgpose.CameraRig(tuple(cameras))
+    status = np.full(truth_m.shape[:2], fgpose.Status.OBSERVED)
+    walk = fgpose.Trajectory(SKELETON, np.arange(len(truth_m)) / 30, truth_m, status, camera_names=rig.names)
+    (finding,) = few_cameras(FinishedRecording("walk", {0: walk}, rig))
+    assert (finding.code, finding.severity) == (Code.FEW_CAMERAS, severity)
+    if severity is Severity.DOUBTFUL:
+        # People who walk about are not at the origin.
+        assert finding.numbers["apart_deg"] == pytest.approx(second_deg, abs=2)
 
 
 def test_what_cannot_be_judged_is_said(walking_scene: Scene) -> None:
