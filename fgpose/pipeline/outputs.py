@@ -25,6 +25,7 @@ from fgpose.io.trajectories import check_output, people_paths, save_people
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.vertical import find_up
 from fgpose.people_observations import PeopleObservations
+from fgpose.pipeline.freed_memory import hand_back
 from fgpose.pipeline.result import Result, show
 from fgpose.pipeline.source import AnySource
 from fgpose.sampling import thinning
@@ -283,6 +284,7 @@ def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path,
             failed[target] = error
         else:
             written += [target] if isinstance(target, Path) else []
+        hand_back()
     if failed:
         raise OutputError(failed, tuple(written)) from next(iter(failed.values()))
     return tuple(written)
