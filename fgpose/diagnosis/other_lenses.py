@@ -27,6 +27,10 @@ _OF_LENS = {
         "Were the coefficients left out, or is it a fisheye lens? Give them with the calibration, or calibrate {whose} "
         "anew; {k1:+.2f}, {k2:+.2f}, 0, 0 are nearer to it than none.",
     ),
+    Lens.OTHER_DISTORTION: (
+        "The lens of {who} distorts otherwise than the calibration says (its k1 is off by about {k1_change:+.2f})",
+        "Are the coefficients those of another lens, or of another mode of the camera? Calibrate {whose} anew.",
+    ),
     Lens.NONE_LEFT: (
         "The keypoints of {who} have no distortion, and the calibration has",
         "Were the images undistorted before? Then leave the distortion out of the calibration.",
@@ -106,6 +110,7 @@ def _numbers_of_lens(fit: LensFit) -> dict[str, float]:
         Lens.WIDTH: {"fx_factor": fit.factor},
         Lens.HEIGHT: {"fy_factor": fit.factor},
         Lens.DISTORTION: dict(zip(("k1", "k2"), distortion_of(fit.value), strict=False)),
+        Lens.OTHER_DISTORTION: {"k1_change": fit.value},
         Lens.NONE_LEFT: {"distortion_factor": 0.0},
         Lens.SIGN: {"distortion_factor": -1.0},
     }

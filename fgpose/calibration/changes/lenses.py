@@ -42,6 +42,7 @@ class Lens(Enum):
     CENTRE_X = "shift of the principal point in x, in focal lengths; of all cameras: of one it is a rotation"
     CENTRE_Y = "shift of the principal point in y, in focal lengths; of all cameras"
     DISTORTION = "k1, where the calibration has no distortion"
+    OTHER_DISTORTION = "change of k1, where it has another"
     NONE_LEFT = "1: the keypoints have no distortion, where the calibration has"
     SIGN = "1: the distortion has the other sign"
     ORDER = "1: k3 was written before p1 and p2"
@@ -55,7 +56,7 @@ class Lens(Enum):
             return _LOGARITHMS
         if self.is_shift:
             return _SHIFTS
-        return _DISTORTIONS if self is Lens.DISTORTION else np.array([0.0, 1.0])
+        return _DISTORTIONS if self in (Lens.DISTORTION, Lens.OTHER_DISTORTION) else np.array([0.0, 1.0])
 
     @property
     def is_shift(self) -> bool:
@@ -69,7 +70,7 @@ class Lens(Enum):
             return not distorts and not fisheye
         if self is Lens.ORDER:
             return not fisheye and len(camera.distortion) == 5 and distorts  # k1 k2 p1 p2 k3
-        if self is Lens.FISHEYE:
+        if self in (Lens.FISHEYE, Lens.OTHER_DISTORTION):
             return not fisheye and distorts and len(camera.distortion) in (4, 5)
         if self is Lens.PINHOLE:
             return fisheye
@@ -89,6 +90,9 @@ class Lens(Enum):
                 return shifted(camera, value, axis=0 if self is Lens.CENTRE_X else 1)
             case Lens.DISTORTION:
                 return replace(camera, distortion=distortion_of(value))
+            case Lens.OTHER_DISTORTION:
+                change = distortion_of(given[0] + value) - distortion_of(given[0])
+                return replace(camera, distortion=given + np.pad(change, (0, len(given) - len(change))))
             case Lens.NONE_LEFT:
                 return replace(camera, distortion=np.zeros(0), lens="pinhole")
             case Lens.SIGN:

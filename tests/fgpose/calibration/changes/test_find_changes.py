@@ -149,6 +149,7 @@ def with_distortion(distortion: np.ndarray, kind: Literal["pinhole", "fisheye"] 
         (WIDE, np.zeros(0), Lens.DISTORTION),
         (np.zeros(0), WIDE, Lens.NONE_LEFT),
         pytest.param(WIDE, -WIDE, Lens.SIGN, marks=pytest.mark.slow),
+        (WIDE, WIDE / 4, Lens.OTHER_DISTORTION),
     ],
 )
 def test_another_distortion_of_all(names: tuple[str, ...], true: np.ndarray, given: np.ndarray, lens: Lens) -> None:
@@ -158,8 +159,9 @@ def test_another_distortion_of_all(names: tuple[str, ...], true: np.ndarray, giv
     assert found.changes == ()
     (other,) = found.lenses
     assert (other.lens, len(other.cameras)) == (lens, len(names))
-    if lens is Lens.DISTORTION:
-        assert other.value == pytest.approx(-0.28, abs=0.06)  # k2 is that of usual lenses, not its own
+    if lens in (Lens.DISTORTION, Lens.OTHER_DISTORTION):
+        k1 = given[0] if len(given) else 0.0
+        assert k1 + other.value == pytest.approx(-0.28, abs=0.06)  # k2 is that of usual lenses, not its own
 
 
 def test_a_fisheye_lens_that_is_read_as_a_pinhole() -> None:
