@@ -195,6 +195,21 @@ def _without_distortion(*, one: bool) -> Callable[[Take, np.random.Generator], D
     return inflict
 
 
+def _with_distortion_of_another(take: Take, rng: np.random.Generator) -> Damaged:
+    """Filmed by lenses that distort, of which the calibration has half."""
+    true = of_cameras(_distorting, one=False)(take, rng)
+    given = of_cameras(lambda camera, _: replace(camera, distortion=_DISTORTION / 2), one=False)(take, rng)
+    return Damaged(given.rig, take.film(true.rig), take.truth_m)
+
+
+def _with_placeholders(take: Take, rng: np.random.Generator) -> Damaged:
+    """Every tenth joint is missing, and was written as (-1, -1)."""
+    missing = rng.random(take.observations.confidence.shape) < 0.1
+    points = np.where(missing[..., None], -1.0, take.observations.points2d_px)
+    confidence = np.where(missing, 0.5, take.observations.confidence)
+    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m)
+
+
 _OF_CUT = Code.WRONG_LENS, Code.IMAGE_SIZE
 _CONSTANT: tuple[Damage, ...] = (
     Damage("half as large images", (Code.IMAGE_SIZE,), of_points(lambda p, _: p / 2, one=False)),
@@ -203,6 +218,7 @@ _CONSTANT: tuple[Damage, ...] = (
     Damage("half as large images, one camera", (Code.IMAGE_SIZE,), of_points(lambda p, _: p / 2, one=True), 3),
     Damage("from 0 to 1", (Code.NORMALISED,), of_points(lambda p, size: p / size, one=False)),
     Damage("from -1 to 1", (Code.NORMALISED,), of_points(lambda p, size: 2 * p / size - 1, one=False)),
+    Damage("missing joints at (-1, -1)", (Code.PLACEHOLDER_KEYPOINTS,), _with_placeholders),
     Damage("turned by 90 degrees", (Code.TURNED_IMAGE,), of_points(_turned_image, one=False)),
     Damage("turned by 90 degrees, one camera", (Code.TURNED_IMAGE,), of_points(_turned_image, one=True), 3),
     Damage("upside down, one camera", (Code.TURNED_IMAGE,), of_points(_upside_down, one=True), 3),
@@ -231,6 +247,7 @@ _CONSTANT: tuple[Damage, ...] = (
     Damage("another zoom, all cameras", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_other_lens, one=False)),
     Damage("distortion left out", (Code.WRONG_LENS,), _without_distortion(one=False)),
     Damage("distortion left out, one camera", (Code.WRONG_LENS, Code.WRONG_CAMERA), _without_distortion(one=True), 3),
+    Damage("distortion of another lens", (Code.WRONG_LENS,), _with_distortion_of_another),
     Damage("undistorted before, distortion kept", (Code.WRONG_LENS,), of_cameras(_distorting, one=False)),
     Damage("principal point left out", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_without_centre, one=False)),
     Damage("rotations transposed", (Code.CAMERA_AXES,), of_cameras(_transposed, one=False)),

@@ -105,6 +105,17 @@ def _slower(factor: float) -> Callable[[Take, np.random.Generator], Damaged]:
     return inflict
 
 
+def _interpolated(take: Take, rng: np.random.Generator) -> Damaged:
+    """All cameras miss everybody for 0.6 s in every 2 s, and straight lines were put there."""
+    points, n_gap = take.observations.points2d_px.copy(), round(0.6 * FPS)
+    for first in range(round(FPS), len(points) - n_gap - 1, 2 * round(FPS)):
+        before, after = points[first - 1], points[first + n_gap]
+        share = (np.arange(1, n_gap + 1) / (n_gap + 1))[:, None, None, None]
+        points[first : first + n_gap] = (1 - share) * before + share * after
+    confidence = np.maximum(take.observations.confidence, 0.5)
+    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m)
+
+
 def _smoothed(sigma_s: float, *, one: bool) -> Callable[..., Damaged]:
     """A Gaussian filter over the keypoints of one camera or of all."""
     return of_points(lambda points, _: gaussian_filter1d(points, sigma_s * FPS, axis=0), one=one)
@@ -131,6 +142,7 @@ IN_TIME: tuple[Damage, ...] = (
         _each_image(4, everywhere=False),
         is_constant=True,
     ),
+    Damage("gaps of 0.6 s interpolated", (Code.INTERPOLATED_KEYPOINTS,), _interpolated, is_constant=True),
     Damage(
         "smoothed by 0.4 s",
         (Code.SMOOTHED_KEYPOINTS,),
