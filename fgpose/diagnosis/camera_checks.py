@@ -16,7 +16,7 @@ from fgpose.sampling import usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
 _DISAGREES_RATIO, _MORE_THAN_USUAL = 2.0, 1.5
-# Of two cameras, as seen from the person: where depth errs six times as much as the rest, correlated errors of both
+# Of two cameras, as seen from the person: where depth errs eleven times as much as the rest, correlated errors of both
 # move it by more than is claimed (two at 5 degrees: half of all joints by 107 mm, 87 % within the 99 % ellipsoid).
 _SIDE_BY_SIDE_DEG = 10.0
 # It sees less than half of what is usual in this recording.
@@ -38,7 +38,7 @@ def few_cameras(recording: FinishedRecording) -> list[Finding]:
         return []
     apart_deg = _apart_deg(recording) if n_cameras == 2 else np.nan
     if apart_deg < _SIDE_BY_SIDE_DEG:
-        larger = 1 / np.tan(np.deg2rad(max(apart_deg, 0.1)))
+        larger = 1 / np.tan(np.deg2rad(max(apart_deg, 0.1)) / 2)  # 1 where the lines are at right angles
         return [
             Finding(
                 Code.FEW_CAMERAS,
