@@ -92,7 +92,14 @@ def _remedy(option: str, other: str, *, together: bool) -> str:
 
 
 def _late(
-    name: str, frames: float, offset_s: float, sigma_s: float, remedy: str, when: str = "", also: str = ""
+    name: str,
+    frames: float,
+    offset_s: float,
+    sigma_s: float,
+    remedy: str,
+    when: str = "",
+    also: str = "",
+    severity: Severity = Severity.DOUBTFUL,
 ) -> Finding:
     by = f"{abs(frames):.1f} frames ({1000 * abs(offset_s):.0f} +/- {1000 * sigma_s:.0f} ms)"
     if abs(offset_s) > _AT_THE_END * MAX_LAG_S:
@@ -100,7 +107,7 @@ def _late(
     by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
     return Finding(
         Code.LATE_CAMERA,
-        Severity.DOUBTFUL,
+        severity,
         f"{name} takes its images {by} {'later' if offset_s > 0 else 'earlier'} than their times say, measured by the "
         f"clocks of the others{when}",
         f"{remedy}{also}{by_hand if abs(offset_s) > _FAR_APART_S else ''}",
@@ -114,7 +121,9 @@ def _late_throughout(change: Change, found: Changes, names: Sequence[str], toget
     frames = change.offset_s / found.step_s
     also = " Is one file numbered from 0 and another from 1?" if abs(abs(frames) - 1) < 0.1 else ""
     remedy, when = _remedy(_CLOCKS, _POSES, together=together), ", all through the recording"
-    return _late(names[change.camera], frames, change.offset_s, change.sigma, remedy, when, also)
+    # Three outvote one that is late; of two, both are believed.
+    severity = Severity.WRONG if len(names) == 2 and abs(change.offset_s) > _FAR_APART_S else Severity.DOUBTFUL
+    return _late(names[change.camera], frames, change.offset_s, change.sigma, remedy, when, also, severity)
 
 
 def _lost(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:

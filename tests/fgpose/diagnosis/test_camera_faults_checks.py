@@ -38,6 +38,14 @@ def test_a_constant_offset_is_not_advised_beside_a_jump() -> None:
     assert [each.code for each in found] == [Code.LOST_FRAMES]
 
 
+def test_of_two_cameras_one_that_is_far_too_late_is_wrong() -> None:
+    """55 % of the errors were within the 99 % ellipsoids at 0.16 s; of four cameras, the others outvote it."""
+    late = Change(Kind.OFFSET, 1, offset_s=0.16, sigma=0.002)
+    slightly = replace(late, offset_s=0.05)
+    severities = [said(change, names=names)[0].severity for names in (NAMES[:2], NAMES) for change in (late, slightly)]
+    assert severities == [Severity.WRONG, Severity.DOUBTFUL, Severity.DOUBTFUL, Severity.DOUBTFUL]
+
+
 def test_a_rate_is_named() -> None:
     (finding,) = said(Change(Kind.RATE, 2, rate=0.001, sigma=0.004))
     assert finding.code is Code.CLOCK_RATE
