@@ -53,7 +53,7 @@ def interpolated_keypoints(examined: Examined) -> list[Finding]:
 def _filled(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "frame joint"]:
     """Of one camera."""
     filled = np.zeros(points_px.shape[:2], dtype=bool)
-    known = np.isfinite(points_px).all(axis=-1)
+    known = np.asarray(np.isfinite(points_px).all(axis=-1))
     whole = points_px[known.all(axis=1)]
     spread_px = float(np.median(np.std(whole, axis=1))) if len(whole) else 0.0
     exact_px = max(2.01 * _decimal_step(points_px[known]), _EXACT * spread_px)
@@ -66,7 +66,7 @@ def _filled(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "
     filled[1:-1] = straight & (np.linalg.norm(after_px - before_px, axis=-1) > 2 * _MOVES * exact_px)
     if filled.sum() > _RESAMPLED * known.sum():
         return filled
-    in_a_row = np.lib.stride_tricks.sliding_window_view(filled, _IN_A_ROW, axis=0).all(axis=-1)
+    in_a_row = np.asarray(np.lib.stride_tricks.sliding_window_view(filled, _IN_A_ROW, axis=0).all(axis=-1))
     kept = np.zeros_like(filled)
     for k in range(_IN_A_ROW):
         kept[k : len(in_a_row) + k] |= in_a_row
