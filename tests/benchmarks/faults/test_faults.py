@@ -19,8 +19,9 @@ from fgpose_benchmarks.faults.real import real_takes
 from fgpose_benchmarks.faults.report import write_report
 from fgpose_benchmarks.faults.take import CLIPS, Take, takes
 
-# Not named on this clip: one of four lenses that distorts does no harm here (29.0 mm for 28.9).
-MISNAMED = {"distortion left out, one camera"}
+# Not named on this clip: one of four lenses that distorts does no harm here (29.0 mm for 28.9); half of a distortion
+# does not show in 14 s, which diagnose says.
+MISNAMED = {"distortion left out, one camera", "distortion of another lens"}
 NAMED = [each for each in DAMAGES if each.name not in MISNAMED]
 # One of images and one of bodies; every cause has tests of its own.
 FAST = {"turned by 90 degrees, one camera", "joints in another order"}
