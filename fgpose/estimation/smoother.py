@@ -131,7 +131,8 @@ def smooth_evidence(
         if progress:
             progress(windows[solved.n_solved - 1].contributed.stop, recording.n_frames)
     other = None
-    if solved.n_solved < len(windows):
+    # Where all windows are kept, whose bones they are is not.
+    if solved.n_solved < len(windows) or bones is not None:
         whole = len(windows) == 1
         first, other = _first(recording.frames(windows[0].solved) if whole else _sample(recording), bones)
         if not whole:
@@ -178,7 +179,8 @@ def _solve_lengths(segment: Segment) -> tuple[Solution, Float[np.ndarray, "lengt
     """The same, and the covariance of the lengths."""
     informed, solution = _settled(segment)
     if not segment.active.any():
-        return solution, np.full(2 * solution.lengths_m.shape, np.nan)
+        unknown_m = np.full_like(solution.lengths_m, np.nan)
+        return replace(solution, length_sigma_m=unknown_m), np.full(2 * solution.lengths_m.shape, np.nan)
     lengths_m = first_known([solution.lengths_m, informed.lengths_m])
     problem = NormalEquations(replace(informed, initial_m=solution.positions_m, lengths_m=lengths_m))
     covariance_m2 = shared_errors(segment.evidence.time_s) ** 2 * problem.length_covariance_m2(problem.initial())

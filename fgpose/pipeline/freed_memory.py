@@ -11,7 +11,7 @@ def hand_back() -> None:
     """Call it where much has just been freed and much will be taken.
 
     The C library keeps what it was given for small arrays, and takes more for larger ones: of a long recording, as much
-    again as is needed. Where it is not glibc, nothing happens. So does Arrow, which has a pool of its own.
+    again as is needed; where it is not glibc, it goes on keeping it. Arrow keeps memory in a pool of its own.
     """
     if (arrow := sys.modules.get("pyarrow")) is not None:
         arrow.default_memory_pool().release_unused()
