@@ -147,7 +147,7 @@ def with_distortion(distortion: np.ndarray, kind: Literal["pinhole", "fisheye"] 
     ("true", "given", "lens"),
     [
         (WIDE, np.zeros(0), Lens.DISTORTION),
-        (np.zeros(0), WIDE, Lens.NONE_LEFT),
+        pytest.param(np.zeros(0), WIDE, Lens.NONE_LEFT, marks=pytest.mark.slow),
         pytest.param(WIDE, -WIDE, Lens.SIGN, marks=pytest.mark.slow),
         (WIDE, WIDE / 4, Lens.OTHER_DISTORTION),
     ],
