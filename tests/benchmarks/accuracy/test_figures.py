@@ -112,6 +112,7 @@ def test_a_method_that_misses_a_variant_is_not_drawn(summaries):
     assert "the paper's method" in shown(without, ["clean", "desync_2"])
 
 
+@pytest.mark.slow
 def test_every_picture_is_written_as_a_png_of_150_dots_per_inch(tmp_path, summaries):
     written = write_figures(summaries, tmp_path)
     assert {path.name for path in written} == {"cameras.png", "desynchronised.png", "joints.png", "calibration.png"}

@@ -202,6 +202,7 @@ def test_a_person_exchanged_in_one_camera(scene: CrowdScene) -> None:
     assert reassigned_share(replace(told_apart, people={}), replace(told_apart, people={})) == 0.0
 
 
+@pytest.mark.slow
 def test_people_are_told_apart_again_as_long_as_that_changes_something(
     scene: CrowdScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:

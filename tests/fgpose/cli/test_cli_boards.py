@@ -89,6 +89,7 @@ def lenses(filmed: tuple[Path, fgpose.CameraRig], tmp_path_factory: pytest.TempP
     return path
 
 
+@pytest.mark.slow
 def test_lenses_alone(filmed: tuple[Path, fgpose.CameraRig], lenses: Path) -> None:
     assert made_by(lenses) == "calibrate"
     assert [path.name for path in lenses.parent.iterdir()] == ["lenses.toml"]

@@ -56,6 +56,7 @@ def test_a_common_offset_changes_nothing_online(rig: fgpose.CameraRig, skeleton:
     np.testing.assert_allclose(learned_s[1], learned_s[0] + LATE_S, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_common_offset_changes_nothing_image_by_image(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     observations = walk(rig, skeleton, np.zeros(4), 8).observations
     estimators = [

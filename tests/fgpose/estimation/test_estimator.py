@@ -250,6 +250,7 @@ def test_what_is_done_between_updates_is_done_as_well(mocap_scene: Scene, rig: f
     assert not np.array_equal(tidied[-1].positions_m, at_once[-1].positions_m)
 
 
+@pytest.mark.slow
 def test_any_subset_of_cameras(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """A camera that is lost for good, then another: frames name the cameras they have."""
     estimator = fgpose.Estimator(rig, mocap_clear.observations.skeleton)
@@ -511,13 +512,10 @@ def test_joints_at_one_pixel_in_every_view(joints: tuple[str, ...], mocap_clear:
     assert np.median(errors_m(estimates[52:], mocap_clear.truth_m)) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("jump_s", "max_unseen_s"),
-    [(1.0, 3.0)]
-    + [
-        pytest.param(*jump_and_max, marks=pytest.mark.slow)
-        for jump_and_max in ((10.0, 3.0), (3600.0, 3.0), (1e6, 3.0), (1.0, 1e7), (10.0, 1e7), (3600.0, 1e7), (1e6, 1e7))
-    ],
+    [(jump_s, max_s) for max_s in (3.0, 1e7) for jump_s in (1.0, 10.0, 3600.0, 1e6)],
 )
 def test_a_clock_that_jumps_forward(
     jump_s: float, max_unseen_s: float, mocap_clear: Scene, rig: fgpose.CameraRig

@@ -209,6 +209,7 @@ def test_nobody_tells_nothing() -> None:
     assert not agreement.faults
 
 
+@pytest.mark.slow
 def test_cameras_that_take_their_images_at_different_moments() -> None:
     """A walker is 35 mrad farther after an eighth of a second."""
     walk = scene(rate_hz=8.0, start_s=1.0, duration_s=30.0)

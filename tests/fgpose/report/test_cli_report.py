@@ -58,6 +58,7 @@ def test_a_file_can_be_named(walk: FinishedRecording, tmp_path: Path, capsys: py
     assert "camera ring_2 disagrees" in printed
 
 
+@pytest.mark.slow
 def test_results_of_one_folder_have_reports_of_their_own(
     walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -57,6 +57,7 @@ def test_the_legend_is_not_over_the_outliers(tmp_path: Path) -> None:
     assert "Legend" not in of_sides["center"]
 
 
+@pytest.mark.slow
 def test_a_study_links_the_reports_of_its_recordings(walk: FinishedRecording, tmp_path: Path) -> None:
     study(walk, tmp_path)
     assert is_study(tmp_path)

@@ -152,6 +152,7 @@ def seen_by(distortion: np.ndarray, focal_px: float, n_cameras: int = 1) -> tupl
     return rig, replace(scene.sightings, time_s=scene.sightings.time_s[sees], points_px=noisy_px[sees])
 
 
+@pytest.mark.slow
 def test_a_rational_lens_is_found_where_views_show_it() -> None:
     rig, seen = seen_by(RATIONAL, 900.0)
     fitted = fit_lens(seen)
@@ -280,6 +281,7 @@ def test_a_camera_at_other_moments_contradicts_the_others(scene: BoardScene) -> 
     assert said, found.findings
 
 
+@pytest.mark.slow
 def test_a_camera_on_its_own_is_named(scene: BoardScene) -> None:
     points_px = scene.sightings.points_px.copy()
     points_px[points_px.shape[0] - 9 :, :2] = np.nan
@@ -299,6 +301,7 @@ def test_a_weak_link_says_what_to_film(scene: BoardScene) -> None:
     assert re.fullmatch(r"hold the board where ring_2 and ring_[01] see it at once, in 10 more places", weak.remedy)
 
 
+@pytest.mark.slow
 def test_views_in_the_middle_leave_the_border_open() -> None:
     scene = simulate_boards(3, 5, n_common=40, n_near=0)
     found = calibrate_from_boards(scene.sightings)

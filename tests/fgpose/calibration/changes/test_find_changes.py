@@ -61,6 +61,7 @@ def test_nothing_tells_when_frames_were_lost_while_nobody_moves(names: tuple[str
     assert walking.between_s[0] <= TURN / FPS <= walking.between_s[1] <= walking.between_s[0] + 4.0
 
 
+@pytest.mark.slow
 def test_frames_lost_twice() -> None:
     twice = changes(lost(lost(filmed(walk_m(3)), 2, 480, 3), 2, 240, 4), FOUR)
     assert [(each.kind, each.camera) for each in twice] == [(Kind.JUMP, 2)] * 2
@@ -172,6 +173,7 @@ def test_a_fisheye_lens_that_is_read_as_a_pinhole() -> None:
     assert [(each.lens, each.cameras) for each in found.lenses] == [(Lens.FISHEYE, (0, 1))]
 
 
+@pytest.mark.slow
 def test_images_that_were_resized_in_one_direction() -> None:
     rig = fgpose.CameraRig(tuple(stretched(each, 1.12, axis=1) for each in RIG.cameras)).subset(THREE)
     found = find_changes([filmed(walk_m(3)).subset(THREE)], rig)

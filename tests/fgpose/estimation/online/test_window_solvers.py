@@ -32,10 +32,9 @@ def errors_m(estimates: list[fgpose.Estimate], truth_m: Float[np.ndarray, "frame
     return np.array([np.linalg.norm(each.positions_m - truth_m[each.frame], axis=-1) for each in estimates])
 
 
-@pytest.mark.parametrize(
-    "seen", [pytest.param("clear", marks=pytest.mark.slow), "occluded", pytest.param("by_two", marks=pytest.mark.slow)]
-)
-@pytest.mark.parametrize("factors", [pytest.param("linear", marks=pytest.mark.slow), "all"])
+@pytest.mark.slow
+@pytest.mark.parametrize("seen", ["clear", "occluded", "by_two"])
+@pytest.mark.parametrize("factors", ["linear", "all"])
 def test_they_agree_where_nothing_is_judged(
     factors: str, seen: str, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:

@@ -278,7 +278,8 @@ def measured_again(rng: np.random.Generator, window: Sequence[list[int]]) -> Cha
     return changes
 
 
-@pytest.mark.parametrize("seeds", [range(15), pytest.param(range(15, 40), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", [range(15), range(15, 40)])
 def test_the_order_survives_replacements(seeds: range) -> None:
     """In random streams, frames get other measurements, and the newest further joints as well."""
     rng = np.random.default_rng(1 + seeds.start)

@@ -100,6 +100,7 @@ def test_a_real_recording_that_one_camera_goes_on_with(how: str) -> None:
     assert not (alone.status == Status.OBSERVED).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", BOTH)
 def test_of_views_that_contradict_each_other_either_may_be_right(
     how: str, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton

@@ -219,6 +219,7 @@ def wandering_px(rng: np.random.Generator, n_frames: int, step_s: float) -> np.n
     return np.array(error_px)
 
 
+@pytest.mark.slow
 def test_running_spread_becomes_that_of_the_recording(rig: CameraRig, skeleton: Skeleton) -> None:
     """Errors of 10 px in one camera, 3 px in the others; 20 s, twice as long as it remembers."""
     truth_m, evidence = exact(rig, skeleton, STEP_S * np.arange(1000))
