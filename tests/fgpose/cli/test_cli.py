@@ -272,6 +272,7 @@ def test_info_names_the_suspect(capsys: pytest.CaptureFixture[str]) -> None:
     assert "takes its images" not in printed
 
 
+@pytest.mark.slow
 def test_info_settles_the_calibration_first(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig = load_rig(folder / "Calib.toml")
     exchanged = [replace(rig.cameras[0], world_T_camera=rig.cameras[1].world_T_camera), *rig.cameras[1:]]

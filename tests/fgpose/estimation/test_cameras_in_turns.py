@@ -59,6 +59,7 @@ def test_their_images_make_frames(
     assert error_m(trajectory.time_s, trajectory.positions_m, skeleton) < TOLERANCE_M
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [without_time, showing_nobody])
 def test_online_they_join_frames(
     seen: fgpose.Observations, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton, form: Form

@@ -69,6 +69,7 @@ def test_a_common_offset_changes_nothing_image_by_image(rig: fgpose.CameraRig, s
             np.testing.assert_allclose(late.positions_m, on_time.positions_m, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_common_offset_changes_nothing_for_a_tracker(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     observations = walk(rig, skeleton, np.zeros(4), 20).observations
     config = WITHOUT_COVARIANCE.replace(tracking={"max_processes": 1})

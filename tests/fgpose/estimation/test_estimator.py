@@ -264,6 +264,7 @@ def test_any_subset_of_cameras(mocap_clear: Scene, rig: fgpose.CameraRig) -> Non
     assert (estimates[-1].status == fgpose.Status.OBSERVED).all()
 
 
+@pytest.mark.slow
 def test_a_gap_in_time(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     estimator = fgpose.Estimator(rig, mocap_clear.observations.skeleton)
     numbers = [*range(20), *range(70, 90)]

@@ -34,6 +34,7 @@ def garbage(frames: tuple[int, ...], scene: Scene, rig: fgpose.CameraRig, seed: 
     return replace(scene.observations, points2d_px=points2d_px)
 
 
+@pytest.mark.slow
 def test_a_garbage_frame_in_a_stream_is_left_out_and_said(scene: Scene, rig: fgpose.CameraRig):
     observations = garbage((BAD,), scene, rig)
     assert gather(observations, rig, FAST).implausible_frames == (BAD,)

@@ -52,6 +52,7 @@ def test_they_are_in_every_figure_over_time(walk: FinishedRecording) -> None:
     assert [section.title for section in made].count("Events") == 1
 
 
+@pytest.mark.slow
 def test_many_are_in_the_table_only(walk: FinishedRecording) -> None:
     made = sections(replace(walk, marks=tuple(Mark(n / 10, f"step {n}") for n in range(90))))
     assert not any(lines_over_time(made))

@@ -291,6 +291,7 @@ def test_a_camera_on_its_own_is_named(scene: BoardScene) -> None:
         calibrate_from_boards(replace(scene.sightings, points_px=points_px))
 
 
+@pytest.mark.slow
 def test_a_weak_link_says_what_to_film(scene: BoardScene) -> None:
     points_px = scene.sightings.points_px.copy()
     common = np.flatnonzero(scene.sightings.shows_board[:, 2] & scene.sightings.shows_board[:, :2].any(axis=1))

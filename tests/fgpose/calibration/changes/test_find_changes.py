@@ -102,6 +102,7 @@ def test_a_bumped_camera(degrees: float, names: tuple[str, ...]) -> None:
     assert found.rotation_deg == pytest.approx(degrees, abs=0.4)
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_moved_before() -> None:
     (found,) = changes(filmed(walk_m(3)), THREE, moved_rig(2, 1.0))
     assert (found.kind, found.camera) == (Kind.MOVED, 2)

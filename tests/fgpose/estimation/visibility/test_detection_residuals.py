@@ -142,6 +142,7 @@ def test_the_spread_is_that_of_the_recording(sigma_px: float, rig: CameraRig, sk
     np.testing.assert_allclose(residuals.spread_m(PRIOR_M, INDEPENDENT), true_m, rtol=0.06)
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_moved_has_a_larger_spread(rig: CameraRig, skeleton: Skeleton) -> None:
     scene = noisy(rig, skeleton, 3.0)
     usual_m = smoothed(scene, rig).spread_m(PRIOR_M, INDEPENDENT)

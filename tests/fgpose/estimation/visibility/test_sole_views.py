@@ -121,6 +121,7 @@ def test_of_views_that_contradict_each_other_either_may_be_right(
     assert is_within.mean() > 0.95
 
 
+@pytest.mark.slow
 def test_a_short_time_alone_is_smoothed_from_both_sides(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """From the middle of it, both ends are half a second away."""
     truth_m = walking(110, 30.0, skeleton)

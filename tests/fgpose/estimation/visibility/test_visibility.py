@@ -231,6 +231,7 @@ def test_running_spread_becomes_that_of_the_recording(rig: CameraRig, skeleton: 
     np.testing.assert_allclose(last.sigma_px[0] / batch_px, 1.0, atol=0.08)
 
 
+@pytest.mark.slow
 def test_camera_by_camera_the_spread_is_that_of_whole_frames(rig: CameraRig, skeleton: Skeleton) -> None:
     """What one camera sees does not make another forget."""
     truth_m, evidence = exact(rig, skeleton, STEP_S * np.arange(60))
@@ -382,7 +383,8 @@ def test_a_joint_that_one_camera_sees_is_predicted(rig: CameraRig, skeleton: Ske
     assert found.observed[:, others].mean() > 0.98
 
 
-@pytest.mark.parametrize("online", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("online", [False, True])
 def test_a_joint_that_every_camera_hallucinates_is_given_up(rig: CameraRig, skeleton: Skeleton, online: bool) -> None:
     """Four views are 150 px off, each in another direction, with a confidence of 0.02, for two seconds."""
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
