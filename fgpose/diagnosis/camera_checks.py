@@ -11,7 +11,7 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
-from fgpose.geometry.vectors import dot
+from fgpose.geometry.triangulation import parallax_rad
 from fgpose.sampling import usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
@@ -67,12 +67,11 @@ def _apart_deg(recording: FinishedRecording) -> float:
     """Angle between the lines along which two cameras look at the people, the median; NaN if it is not known."""
     if recording.rig is None:
         return np.nan
-    cameras_m = recording.rig.subset(recording.camera_names).positions_m
+    cameras = recording.rig.subset(recording.camera_names)
     positions_m = np.concatenate([each.positions_m.reshape(-1, 3) for each in recording.people.values()])
-    first, second = (camera_m - positions_m for camera_m in cameras_m)
-    cosines = np.abs(dot(first, second)) / np.sqrt(dot(first, first) * dot(second, second))
-    known = cosines[np.isfinite(cosines)]
-    return float(np.rad2deg(np.arccos(min(np.median(known), 1.0)))) if len(known) else np.nan
+    known_m = positions_m[np.isfinite(positions_m).all(axis=1)]
+    apart_rad = parallax_rad(known_m, np.ones((len(known_m), cameras.n_cameras), dtype=bool), cameras)
+    return float(np.rad2deg(np.median(apart_rad))) if len(known_m) else np.nan
 
 
 def calibration_findings(recording: FinishedRecording) -> list[Finding]:

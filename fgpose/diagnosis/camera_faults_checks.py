@@ -43,10 +43,9 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     kept = [c for c in range(examined.rig.n_cameras) if c not in elsewhere]
     if len(kept) < examined.rig.n_cameras:
         examined = examined.with_cameras([examined.rig.names[c] for c in kept])
-    people = list(examined.people.values())
-    if max(float(np.ptp(own.frame_time_s)) for own in people) < LEAST_S:
+    if examined.longest_s < LEAST_S:
         return _with_elsewhere(examined, faults_of_short(examined))
-    found = find_changes(people, examined.rig)
+    found = find_changes(list(examined.people.values()), examined.rig)
     if not found.compared:
         raise NotJudgedError("no two cameras see the same person for some seconds")
     if not examined.geometry.usable and not found.agree:
@@ -57,7 +56,7 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
 def lenses_that_show(examined: Examined) -> list[Finding]:
     """They are found by moved_and_late_cameras, in what is long enough for it: distortion that was left out (k1 of
     -0.25) shows in 20 s of somebody who walks, and in 15 s it does not."""
-    if max(float(np.ptp(own.frame_time_s)) for own in examined.people.values()) < _LENSES_SHOW_S:
+    if examined.longest_s < _LENSES_SHOW_S:
         raise NotJudgedError(f"it lasts less than {_LENSES_SHOW_S:.0f} s")
     return []
 
@@ -92,14 +91,7 @@ def _remedy(option: str, other: str, *, together: bool) -> str:
 
 
 def _late(
-    name: str,
-    frames: float,
-    offset_s: float,
-    sigma_s: float,
-    remedy: str,
-    when: str = "",
-    also: str = "",
-    severity: Severity = Severity.DOUBTFUL,
+    name: str, frames: float, offset_s: float, sigma_s: float, remedy: str, when: str = "", also: str = ""
 ) -> Finding:
     by = f"{abs(frames):.1f} frames ({1000 * abs(offset_s):.0f} +/- {1000 * sigma_s:.0f} ms)"
     if abs(offset_s) > _AT_THE_END * MAX_LAG_S:
@@ -107,7 +99,7 @@ def _late(
     by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
     return Finding(
         Code.LATE_CAMERA,
-        severity,
+        Severity.DOUBTFUL,
         f"{name} takes its images {by} {'later' if offset_s > 0 else 'earlier'} than their times say, measured by the "
         f"clocks of the others{when}",
         f"{remedy}{also}{by_hand if abs(offset_s) > _FAR_APART_S else ''}",
@@ -121,9 +113,10 @@ def _late_throughout(change: Change, found: Changes, names: Sequence[str], toget
     frames = change.offset_s / found.step_s
     also = " Is one file numbered from 0 and another from 1?" if abs(abs(frames) - 1) < 0.1 else ""
     remedy, when = _remedy(_CLOCKS, _POSES, together=together), ", all through the recording"
+    late = _late(names[change.camera], frames, change.offset_s, change.sigma, remedy, when, also)
     # Three outvote one that is late; of two, both are believed.
-    severity = Severity.WRONG if len(names) == 2 and abs(change.offset_s) > _FAR_APART_S else Severity.DOUBTFUL
-    return _late(names[change.camera], frames, change.offset_s, change.sigma, remedy, when, also, severity)
+    is_believed = len(names) == 2 and abs(change.offset_s) > _FAR_APART_S
+    return replace(late, severity=Severity.WRONG) if is_believed else late
 
 
 def _lost(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:

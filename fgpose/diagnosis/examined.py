@@ -80,6 +80,11 @@ class Examined:
         """Of a person, where there are several: Finding.person."""
         return person if len(self.people) > 1 else None
 
+    @property
+    def longest_s(self) -> float:
+        """For how long whoever is there longest is there."""
+        return max(float(np.ptp(seen.frame_time_s)) for seen in self.people.values())
+
     @cached_property
     def main(self) -> Observations:
         """Of the person who is seen most."""

@@ -134,7 +134,7 @@ def _of_best_pair(
     inliers = np.take_along_axis(inliers, best[..., None, None], axis=-2)[..., 0, :]
     positions_m = triangulate(points_px, np.where(inliers, weights, 0.0), rig.projection_matrices)
     determined = inliers.sum(axis=-1) >= 2
-    determined &= _parallax_rad(positions_m, inliers, rig) >= _MIN_PARALLAX_RAD
+    determined &= parallax_rad(positions_m, inliers, rig) >= _MIN_PARALLAX_RAD
     return Triangulation(np.where(determined[..., None], positions_m, np.nan), inliers & determined[..., None])
 
 
@@ -164,8 +164,10 @@ def _score(
     return score, inliers
 
 
-def _parallax_rad(positions_m: np.ndarray, used: np.ndarray, rig: CameraRig) -> np.ndarray:
-    """Largest angle between the rays of the used views; 0 where there are fewer than two."""
+def parallax_rad(
+    positions_m: Float[np.ndarray, "*points 3"], used: Bool[np.ndarray, "*points camera"], rig: CameraRig
+) -> Float[np.ndarray, "*points"]:
+    """Largest angle between the rays of the used views, as lines; 0 where there are fewer than two."""
     centres_m = rig.positions_m
     rays = positions_m[..., None, :] - centres_m
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)

@@ -71,8 +71,8 @@ def _at(seen: Observations, place: Place) -> Bool[np.ndarray, "frame camera join
 
 def _shared(points_px: Float[np.ndarray, "frame joint 2"], size_px: tuple[int, int]) -> set[Place]:
     """Places of a camera's detections that too many of its joints share."""
-    joint = np.nonzero(np.isfinite(points_px).all(axis=-1))[1]
-    known_px = points_px[np.isfinite(points_px).all(axis=-1)]
+    known = np.isfinite(points_px).all(axis=-1)
+    joint, known_px = np.nonzero(known)[1], points_px[known]
     places_px, number, counts = np.unique(known_px, axis=0, return_inverse=True, return_counts=True)
     often = np.flatnonzero(counts >= max(_FEWEST, _LEAST_SHARE * len(known_px)))
     most = _INSIDE_SHARE * len(np.unique(joint))

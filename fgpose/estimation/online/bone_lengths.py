@@ -112,8 +112,10 @@ class RunningLengths:
 
     def _take_lengths(self, estimation: _Estimation) -> None:
         lengths_m, covariance_m2 = estimation.lengths_m, estimation.covariance_m2
-        seen = without_known(self._before, lengths_m, covariance_m2)
-        other = other_bone(self._before, *seen, self._skeleton.length_names)
+        other = None
+        if np.isfinite(self._before.lengths_m).any():
+            seen = without_known(self._before, lengths_m, covariance_m2)
+            other = other_bone(self._before, *seen, self._skeleton.length_names)
         if other is not None:
             self.know(BoneLengths.unknown(self._skeleton.n_lengths))
             self.other_bone = other

@@ -18,7 +18,8 @@ from fgpose.io.content import parse_json
 from fgpose.io.skeletons.tables import joint_indices, joint_names, skeleton_from_json, skeleton_to_json
 from fgpose.trajectory import Convergence, Status, Trajectory
 
-_OF_LENGTHS = ("bone_lengths_m", "bone_length_sigma_m")
+LENGTHS = ("bone_lengths_m", "bone_length_sigma_m")
+"""What is described of the bone lengths."""
 
 
 def describe(trajectory: Trajectory) -> dict[str, str]:
@@ -27,7 +28,7 @@ def describe(trajectory: Trajectory) -> dict[str, str]:
         "skeleton": skeleton_to_json(trajectory.skeleton),
         "camera_names": json.dumps(trajectory.camera_names),
     }
-    for name in _OF_LENGTHS:
+    for name in LENGTHS:
         lengths_m = getattr(trajectory, name)
         if lengths_m is not None:
             texts[name] = json.dumps([_or_null(length_m) for length_m in lengths_m.tolist()])
@@ -53,7 +54,7 @@ def described(texts: dict[str, str]) -> dict[str, Any]:
     readers = {
         "skeleton": skeleton_from_json,
         "camera_names": lambda text: joint_names(parse_json(text)),
-        **dict.fromkeys(_OF_LENGTHS, _lengths_from_json),
+        **dict.fromkeys(LENGTHS, _lengths_from_json),
         "convergence": _convergence_or_none,
         "implausible_frames": lambda text: joint_indices(parse_json(text)),
         "config": _config_or_none,

@@ -9,12 +9,11 @@ import numpy as np
 from jaxtyping import Int
 
 from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
-from fgpose.io.trajectories.description import describe, described, status_named
+from fgpose.io.trajectories.description import LENGTHS, describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
 _ARRAYS = ("covariance_m2", "residual_px", "visibility")
-_LENGTHS = "bone_lengths_m", "bone_length_sigma_m"
-_TEXTS = ("skeleton", "camera_names", *_LENGTHS, "convergence", "implausible_frames", "config")
+_TEXTS = ("skeleton", "camera_names", *LENGTHS, "convergence", "implausible_frames", "config")
 
 
 def write_npz(trajectory: Trajectory, path: Path, made_by: str = "") -> None:
