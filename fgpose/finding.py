@@ -52,6 +52,7 @@ class Code(StrEnum):
     REPEATED_IMAGES = "repeated-images"
     SMOOTHED_KEYPOINTS = "smoothed-keypoints"
     INTERPOLATED_KEYPOINTS = "interpolated-keypoints"
+    FRAME_ORDER = "frame-order"
     MISSING_FRAMES = "missing-frames"
     FRAME_RATE = "frame-rate"
     # Who is seen, and how well.
@@ -136,6 +137,7 @@ _GEOMETRY = (
     Code.WRONG_LENS,
     Code.OTHER_PERSON,
     Code.FROZEN_CAMERA,
+    Code.FRAME_ORDER,
 )
 _OF_GEOMETRY = frozenset(
     {

@@ -30,6 +30,7 @@ from fgpose.diagnosis.input_checks import off_centre, repaired, unusual_steps
 from fgpose.diagnosis.motion_checks import contradicted, gaps, impossible_speeds, short_lives, turns, unobservable
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
+from fgpose.diagnosis.seen.order import sorted_as_text
 from fgpose.diagnosis.seen.placeholders import Placeholders
 from fgpose.diagnosis.seen.presence import blind, never_seen, nobody, somebody_else
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
@@ -49,7 +50,7 @@ InputCheck = Callable[[Examined], list[Finding]]
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
     "calibration": (off_centre, disagreements),
-    "frame rate": (unusual_steps, slow_motion),
+    "frame rate": (unusual_steps, slow_motion, sorted_as_text),
     "clocks and poses over time": (moved_and_late_cameras,),
     "lenses": (lenses_that_show,),
     "skeleton": (wrong_skeleton,),

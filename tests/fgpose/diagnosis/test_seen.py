@@ -12,6 +12,7 @@ import fgpose
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
+from fgpose.diagnosis.seen.order import sorted_as_text
 from fgpose.diagnosis.seen.placeholders import Placeholders
 from fgpose.diagnosis.seen.presence import blind, nobody, seen_elsewhere
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
@@ -47,6 +48,7 @@ def test_nothing_is_told_of_somebody_who_is_always_seen(seen, rig) -> None:
         *repeated_images(examined),
         *smoothed_keypoints(examined),
         *interpolated_keypoints(examined),
+        *sorted_as_text(examined),
         *Placeholders.among(examined).findings(examined),
     ] == []
 
@@ -61,6 +63,7 @@ def test_nothing_is_told_of_a_real_recording() -> None:
         *repeated_images(examined),
         *smoothed_keypoints(examined),
         *interpolated_keypoints(examined),
+        *sorted_as_text(examined),
         *Placeholders.among(examined).findings(examined),
     ] == []
 
@@ -276,3 +279,15 @@ def test_what_has_no_errors_or_is_filtered_lightly_is_not_called_smoothed(seen, 
     slow_m = gaussian_filter1d(motion_m(), 0.4 * 30, axis=0)
     exact_px = np.stack([each.distort(each.project(slow_m)) for each in rig.cameras], axis=1)
     assert smoothed_keypoints(Examined.of(with_points(seen, exact_px), rig)) == []
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize(("cameras", "where"), [((1,), "cam2"), ((0, 1, 2), "all cameras")])
+def test_files_that_were_sorted_as_text(seen, rig, first: int, cameras: tuple[int, ...], where: str) -> None:
+    as_text = np.array(sorted(range(first, first + seen.n_frames), key=str)) - first
+    points_px = seen.points2d_px.copy()
+    for c in cameras:
+        points_px[:, c] = points_px[as_text, c]
+    (finding,) = sorted_as_text(Examined.of(with_points(seen, points_px), rig))
+    assert (finding.code, finding.severity) == (Code.FRAME_ORDER, Severity.WRONG)
+    assert f"The images of {where} were sorted" in finding.reason
