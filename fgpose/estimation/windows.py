@@ -30,7 +30,11 @@ def cut_windows(time_s: Float[np.ndarray, " frame"], window_s: float, overlap_s:
     """Windows of about window_s that cover the recording; each sees overlap_s beyond the frames that it contributes."""
     duration_s = time_s[-1] - time_s[0]
     count = max(1, int(np.ceil(duration_s / window_s - _LEAST_REST)))
-    cuts = np.searchsorted(time_s, time_s[0] + np.arange(1, count) * duration_s / count)
+    # Only those with frames beside them: with nanoseconds taken for seconds there are a thousand million others.
+    passed = (time_s - time_s[0]) * count / max(duration_s, 1e-9)
+    numbers = np.unique(np.concatenate([np.floor(passed), np.ceil(passed)]))
+    numbers = numbers[(numbers >= 1) & (numbers < count)]
+    cuts = np.searchsorted(time_s, time_s[0] + numbers * duration_s / count)
     edges = np.unique([0, *cuts.tolist(), len(time_s)])
     windows = []
     for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
