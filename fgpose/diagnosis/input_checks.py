@@ -11,6 +11,7 @@ from fgpose.sampling import usual_step_s
 
 # Times of cameras are 1/1000 to 1 s apart; that of time lapses tells no motion.
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 5e-4, 2.0
+_UNITS_S = {"milliseconds, or numbers of frames": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 
 
 def repaired(examined: Examined) -> list[Finding]:
@@ -26,13 +27,14 @@ def unusual_steps(examined: Examined) -> list[Finding]:
     step_s = usual_step_s(examined.main.frame_time_s)
     if not np.isfinite(step_s) or _SHORTEST_STEP_S < step_s < _LONGEST_STEP_S:
         return []
-    wrong = "milliseconds, or numbers of frames" if step_s > 1 else "another unit"
+    units = (unit for unit, seconds in _UNITS_S.items() if _SHORTEST_STEP_S < step_s * seconds < _LONGEST_STEP_S)
+    unit = next(units, "another unit")
     return [
         Finding(
             Code.FRAME_RATE,
             Severity.WRONG,
             f"The images follow each other by {step_s:.3g} s: no camera films like that",
-            f"Times are in seconds: are these in {wrong}?",
+            f"Times are in seconds: are these in {unit}?",
             1.0,
             numbers={"step_s": step_s},
         )

@@ -46,7 +46,9 @@ def test_images_that_were_cut_with_their_calibration_are_right() -> None:
     assert off_centre(Examined(CameraRig(tuple(cameras)), {0: cut})) == []
 
 
-@pytest.mark.parametrize(("factor", "words"), [(1000.0, "milliseconds"), (1e-3, "another unit")])
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds"), (1e-3, "another unit")]
+)
 def test_times_in_another_unit(factor: float, words: str) -> None:
     rig = room(3)
     seen = recorded(rig)
