@@ -7,18 +7,16 @@ from jaxtyping import Float
 
 from fgpose.calibration.from_people.calibrated import Grade, by_remedy
 from fgpose.diagnosis.body.joint_names import in_words_by_part, limb_of
+from fgpose.diagnosis.examined import SIDE_BY_SIDE_DEG
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
-from fgpose.geometry.triangulation import parallax_rad
+from fgpose.geometry.triangulation import usual_parallax_deg
 from fgpose.sampling import usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
 _DISAGREES_RATIO, _MORE_THAN_USUAL = 2.0, 1.5
-# Of two cameras, as seen from the person: where depth errs eleven times as much as the rest, correlated errors of both
-# move it by more than is claimed (two at 5 degrees: half of all joints by 107 mm, 87 % within the 99 % ellipsoid).
-_SIDE_BY_SIDE_DEG = 10.0
 # It sees less than half of what is usual in this recording.
 _BLIND_RATIO = 0.5
 # The model of visibility expects some hallucinations everywhere: three times as many as the other cameras have is a
@@ -37,7 +35,7 @@ def few_cameras(recording: FinishedRecording) -> list[Finding]:
     if not 0 < n_cameras < 3:
         return []
     apart_deg = _apart_deg(recording) if n_cameras == 2 else np.nan
-    if apart_deg < _SIDE_BY_SIDE_DEG:
+    if apart_deg < SIDE_BY_SIDE_DEG:
         larger = 1 / np.tan(np.deg2rad(max(apart_deg, 0.1)) / 2)  # 1 where the lines are at right angles
         return [
             Finding(
@@ -67,11 +65,8 @@ def _apart_deg(recording: FinishedRecording) -> float:
     """Angle between the lines along which two cameras look at the people, the median; NaN if it is not known."""
     if recording.rig is None:
         return np.nan
-    cameras = recording.rig.subset(recording.camera_names)
     positions_m = np.concatenate([each.positions_m.reshape(-1, 3) for each in recording.people.values()])
-    known_m = positions_m[np.isfinite(positions_m).all(axis=1)]
-    apart_rad = parallax_rad(known_m, np.ones((len(known_m), cameras.n_cameras), dtype=bool), cameras)
-    return float(np.rad2deg(np.median(apart_rad))) if len(known_m) else np.nan
+    return usual_parallax_deg(positions_m, recording.rig.subset(recording.camera_names))
 
 
 def calibration_findings(recording: FinishedRecording) -> list[Finding]:

@@ -50,6 +50,8 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
         raise NotJudgedError("no two cameras see the same person for some seconds")
     if not examined.geometry.usable and not found.agree:
         found = replace(found, lenses=())
+    elif examined.geometry.usable and examined.side_by_side:
+        found = replace(found, lenses=(), changes=tuple(each for each in found.changes if each.is_of_clock))
     return _with_elsewhere(examined, findings_of(found, examined.rig.names))
 
 
@@ -58,6 +60,7 @@ def lenses_that_show(examined: Examined) -> list[Finding]:
     -0.25) shows in 20 s of somebody who walks, and in 15 s it does not."""
     if examined.longest_s < _LENSES_SHOW_S:
         raise NotJudgedError(f"it lasts less than {_LENSES_SHOW_S:.0f} s")
+    examined.refuse_side_by_side()
     return []
 
 

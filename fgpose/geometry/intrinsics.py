@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
 
@@ -17,7 +18,7 @@ _FOCAL_SHARE = 0.85
 # The principal point of every camera known to us lies within 5 % of the image's width of its middle. Beyond a quarter
 # the image was cut, or K is for images of another size; so it is with a tenth of both sides to the right and down, or
 # to the left and up, as K of 1280 x 720 is for 1920 x 1080.
-_MAX_OFF_CENTRE, _MAX_OFF_BOTH = 0.25, 0.1
+_USUALLY_OFF_CENTRE, _MAX_OFF_CENTRE, _MAX_OFF_BOTH = 0.06, 0.25, 0.1
 
 
 def without_pose(camera: Camera) -> Camera:
@@ -46,12 +47,29 @@ def shifted(camera: Camera, by: float, axis: int) -> Camera:
     return replace(camera, K=K)
 
 
+def with_exchanged_centre(camera: Camera) -> Camera:
+    """The camera with cx for cy."""
+    K = camera.K.copy()
+    K[:2, 2] = K[1::-1, 2]
+    return replace(camera, K=K)
+
+
+def is_central(camera: Camera) -> bool:
+    """Whether the principal point is where that of nearly every lens is."""
+    return bool((np.abs(_off_centre(camera)) < _USUALLY_OFF_CENTRE).all())
+
+
 def is_of_another_size(camera: Camera) -> bool:
     """Whether the principal point is so far from the middle of the image that K seems to be for images of another size,
     or for the whole image where this is a part."""
-    share = (camera.K[:2, 2] - (np.array(camera.size_px) - 1) / 2) / camera.size_px
+    share = _off_centre(camera)
     of_both = np.abs(share).min() if share[0] * share[1] > 0 else 0.0
     return bool(np.abs(share).max() > _MAX_OFF_CENTRE or of_both > _MAX_OFF_BOTH)
+
+
+def _off_centre(camera: Camera) -> Float[np.ndarray, " 2"]:
+    """As a share of width and height."""
+    return np.asarray((camera.K[:2, 2] - (np.array(camera.size_px) - 1) / 2) / camera.size_px)
 
 
 UNKNOWN_SIZE_PX = (1, 1)

@@ -175,3 +175,10 @@ def parallax_rad(
     both = used[..., :, None] & used[..., None, :]
     smallest = np.min(np.where(both & np.isfinite(cosine), cosine, 1.0), axis=(-2, -1))
     return np.arccos(np.clip(smallest, 0.0, 1.0))
+
+
+def usual_parallax_deg(positions_m: Float[np.ndarray, "*points 3"], rig: CameraRig) -> float:
+    """Of all cameras, the median over the points that are known; NaN where none is."""
+    known_m = positions_m[np.isfinite(positions_m).all(axis=-1)]
+    apart_rad = parallax_rad(known_m, np.ones((len(known_m), rig.n_cameras), dtype=bool), rig)
+    return float(np.rad2deg(np.median(apart_rad))) if len(known_m) else np.nan

@@ -108,6 +108,7 @@ def mirrored(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton
 
 def mirrored_body(examined: Examined) -> list[Finding]:
     """Left and right exchanged throughout."""
+    examined.refuse_side_by_side()
     positions_m, skeleton = examined.body_m, examined.main.skeleton
     if twist(positions_m, skeleton) < _TWISTED:
         return exchanged_limbs(examined) or [_twisted_body(positions_m, skeleton)]

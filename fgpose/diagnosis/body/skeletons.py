@@ -33,6 +33,7 @@ _LESS_UNLIKE = 0.12
 
 def wrong_skeleton(examined: Examined) -> list[Finding]:
     """Bones that no body has."""
+    examined.refuse_side_by_side()
     positions_m, given = examined.body_m, examined.main.skeleton
     strange = strangeness(positions_m, given)
     if np.isnan(strange):

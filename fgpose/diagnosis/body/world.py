@@ -62,7 +62,7 @@ _MISTAKES = (
 def wrong_unit(examined: Examined) -> list[Finding]:
     """A body that is smaller or larger than any."""
     tall_m = stature_m(examined.body_m, examined.main.skeleton)
-    margin = 1.0
+    margin = _ROUGHLY if examined.side_by_side else 1.0
     if np.isnan(tall_m):
         tall_m, margin = stature_m(examined.body_m, examined.main.skeleton, n_parts=1), _ROUGHLY
     if np.isnan(tall_m):

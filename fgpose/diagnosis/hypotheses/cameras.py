@@ -13,7 +13,7 @@ from fgpose.diagnosis.hypotheses.consistency import NEAR_M
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 from fgpose.finding import Code
-from fgpose.geometry.intrinsics import zoomed
+from fgpose.geometry.intrinsics import is_central, with_exchanged_centre, zoomed
 from fgpose.sampling import spread_evenly
 
 Pose = Float[np.ndarray, "4 4"]
@@ -183,8 +183,9 @@ def _meeting(
 
 
 def lens_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
-    """Another focal length, or no distortion."""
+    """Another focal length, no distortion, or cx and cy in the place of each other."""
     yield from _undistorted(scene, cameras)
+    yield from _exchanged_centres(scene, cameras)
     for factor in _FACTORS:
         if abs(factor - 1) > _UNCHANGED:
             yield other_focal(scene, cameras, float(factor))
@@ -207,6 +208,22 @@ def other_focal(scene: SynchronousViews, cameras: tuple[int, ...], factor: float
         f"multiply its focal lengths by {factor:.3g}.",
         {"focal_factor": factor},
         preference=2,
+    )
+
+
+def _exchanged_centres(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Rows before columns. The middle of the image is where it would be."""
+    given = [scene.views[c].camera for c in cameras]
+    meant = [with_exchanged_centre(camera) for camera in given]
+    if any(is_central(camera) for camera in given) or not all(is_central(camera) for camera in meant):
+        return
+    yield Hypothesis(
+        Code.WRONG_LENS,
+        cameras,
+        each_view(lambda view: CameraView(with_exchanged_centre(view.camera), view.points_px), cameras),
+        f"The principal point of {{cameras}} has cx and cy exchanged: it is ({given[0].K[0, 2]:.0f}, "
+        f"{given[0].K[1, 2]:.0f}) in images of {given[0].size_px[0]}x{given[0].size_px[1]}",
+        "Exchange cx and cy in the calibration.",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from enum import Enum
 from itertools import combinations
@@ -19,8 +20,9 @@ _STRETCHES = 8  # of the time, each judged by itself
 _LEAST_JOINTS = 20
 # Of clocks: by how much they may differ, in which steps, and how far somebody has to move in a stretch to tell.
 _MOST_S, _STEP_S, _MOVES_M = 30.0, 0.1, 0.15
-# Of 24, 25, 30, 50, 60, 100 and 120 Hz one over another.
-_RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 5 / 6, 1.25, 0.8, 2.4, 1 / 2.4, 2.5, 0.4, 5 / 3, 0.6)
+# Of 24, 25, 30, 50, 60, 100 and 120 Hz one over another. The first ones fit at first even if they are not looked for.
+_NEAR_RATES = (1.2, 5 / 6, 1.25, 0.8)
+_RATES = (2.0, 0.5, 4.0, 0.25, *_NEAR_RATES, 2.4, 1 / 2.4, 2.5, 0.4, 5 / 3, 0.6)
 _STARTS_S = 0.5
 _PAIR_REACH_S, _PAIR_FRAMES = 5.0, 120  # of every pair where none is known to be right
 _ALIKE = 0.4  # correlation of the same motion in two views; of two motions it is around 0
@@ -56,13 +58,16 @@ def why_odd(sample: SynchronousViews, dense: SynchronousViews, camera: int, othe
         camera: the one that disagrees.
         others: at least two that agree.
     """
+    dense_view, dense_m = dense.views[camera], consistency(dense.cameras(others)).positions_m
+    rate = _rate_that_fits(dense_view, dense_m, dense.time_s, _NEAR_RATES, _STRETCHES // 2)
+    if rate is not None:
+        return OddCamera(Why.RATE, rate=rate)
     view, joints_m = sample.views[camera], consistency(sample.cameras(others)).positions_m
     if _fits_for_a_while(_missed_m(view, joints_m)):
         return OddCamera(Why.FOR_A_WHILE)
-    dense_view, dense_m = dense.views[camera], consistency(dense.cameras(others)).positions_m
     if _fits_at_another_time(dense_view, dense_m, dense.time_s):
         return OddCamera(Why.CLOCK)
-    rate = _rate_that_fits(dense_view, dense_m, dense.time_s)
+    rate = _rate_that_fits(dense_view, dense_m, dense.time_s, _RATES, 2)
     if rate is not None:
         return OddCamera(Why.RATE, rate=rate)
     pose = _pose_that_fits(view, joints_m)
@@ -129,16 +134,21 @@ def _fits_at_another_time(
 
 
 def _rate_that_fits(
-    view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"]
+    view: CameraView,
+    joints_m: Float[np.ndarray, "frame joint 3"],
+    time_s: Float[np.ndarray, " frame"],
+    rates: Iterable[float],
+    fewest: int,
 ) -> float | None:
-    """The usual rate that was taken for another usual one, if most stretches fit with it, all with the same start."""
+    """The usual rate that was taken for another usual one, if most of so many stretches or more fit with it, all with
+    the same start."""
     moves = np.array([_spread_m(part) > _MOVES_M for part in np.array_split(joints_m, _STRETCHES)])
-    for rate in _RATES:
+    for rate in rates:
         for start_s in np.arange(-_STARTS_S, _STARTS_S + _STEP_S / 2, _STEP_S).tolist():
             stamps_s = time_s[0] + (time_s - time_s[0] - start_s) / rate
             missed_m = _medians(_missed_m(_at_other_times(view, time_s, stamps_s), joints_m))
             judged = moves & np.isfinite(missed_m)
-            if judged.sum() >= 2 and np.mean(missed_m[judged] < _FITS_M) > 0.6:
+            if judged.sum() >= fewest and np.mean(missed_m[judged] < _FITS_M) > 0.6:
                 return rate
     return None
 

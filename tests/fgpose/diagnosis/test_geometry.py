@@ -11,6 +11,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import fgpose
 from fgpose.diagnosis.examined import Examined, NotJudgedError
@@ -283,6 +284,46 @@ def test_a_late_camera_is_not_called_a_wrong_one(rig: CameraRig) -> None:
     finding = only(with_points(walker, late), rig)
     assert (finding.code, finding.camera) == (Code.DISAGREEING_CAMERA, "cam3")
     assert "another time" in finding.reason
+
+
+def test_a_camera_of_another_rate_is_not_said_to_have_lost_images(rig: CameraRig) -> None:
+    """Numbered with the others, it agrees at first."""
+    walk_m = walking(360, 30.0)
+    walker, of_25_hz = recorded(rig, walk_m, seed=4), np.arange(300) * 1.2
+    filmed = recorded(rig, CubicSpline(np.arange(360), walk_m)(of_25_hz), seed=5)
+    points_px = walker.points2d_px.copy()
+    points_px[:, 2] = np.nan
+    points_px[:300, 2] = filmed.points2d_px[:, 2]
+    finding = only(with_points(walker, points_px), rig)
+    assert (finding.code, finding.camera) == (Code.CLOCK_RATE, "cam3")
+    assert "1.2 times as fast" in finding.reason
+
+
+def test_a_principal_point_with_rows_before_columns() -> None:
+    rig = room(3, seed=4)
+    seen, size_px = recorded(rig, seed=4), np.array([1600, 1200])
+    to_the_middle_px = (size_px - SIZE_PX) / 2
+    K = [
+        each.K + np.array([[0, 0, to_the_middle_px[0]], [0, 0, to_the_middle_px[1]], [0, 0, 0]]) for each in rig.cameras
+    ]
+    for each in K:
+        each[:2, 2] = each[1::-1, 2]
+    cameras = (replace(each, size_px=(1600, 1200), K=own) for each, own in zip(rig.cameras, K, strict=True))
+    finding = only(with_points(seen, seen.points2d_px + to_the_middle_px), CameraRig(tuple(cameras)))
+    assert finding.code is Code.WRONG_LENS
+    assert "all cameras has cx and cy exchanged" in finding.reason
+
+
+@pytest.mark.parametrize("apart_deg", [pytest.param(2.0, marks=pytest.mark.slow), 4.0])
+def test_cameras_side_by_side_tell_nothing_of_bodies_and_lenses(apart_deg: float) -> None:
+    """Distances err by decimetres: bones have no lengths, and other focal lengths fit as well."""
+    first = room(1).cameras[0]
+    turn = cv2.Rodrigues(np.deg2rad([0.0, 0.0, apart_deg]))[0]
+    second = replace(first, name="cam2", world_T_camera=look_at(turn @ first.position_m, np.array([0.0, 0.0, 0.95])))
+    rig = CameraRig((first, second))
+    diagnosis = fgpose.diagnose(recorded(rig, motion_m("cmu_02_10", 360), seed=1), rig)
+    assert diagnosis.findings == ()
+    assert {"skeleton", "sides"} <= set(diagnosis.not_judged)
 
 
 @pytest.mark.parametrize("n_cameras", [2, pytest.param(4, marks=pytest.mark.slow)])
