@@ -79,6 +79,7 @@ class Code(StrEnum):
     IMPOSSIBLE_SPEED = "impossible-speed"
     IMPOSSIBLE_TURN = "impossible-turn"
     SHORT_LIFE = "short-life"
+    MOTIONLESS = "motionless"
     OTHER_BONES = "other-bones"
 
 

@@ -27,7 +27,15 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.gravity_checks import wrong_falls
 from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.diagnosis.input_checks import off_centre, repaired, unusual_steps
-from fgpose.diagnosis.motion_checks import contradicted, gaps, impossible_speeds, short_lives, turns, unobservable
+from fgpose.diagnosis.motion_checks import (
+    contradicted,
+    gaps,
+    impossible_speeds,
+    motionless,
+    short_lives,
+    turns,
+    unobservable,
+)
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
 from fgpose.diagnosis.seen.order import sorted_as_text
@@ -94,6 +102,7 @@ RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
     contradicted,
     turns,
     short_lives,
+    motionless,
     missing_frames,
 )
 """Of what came out."""

@@ -29,6 +29,9 @@ _MAX_TURN_DEG_S, _LEAST_TURN_DEG = 2100.0, 45.0
 # occluded, up to 35 % of the joints of a frame (benchmarks/report_checks.py).
 _CONTRADICTED_SHARE, _CONTRADICTED_VIEWS = 0.5, 3
 _BELIEVED = 0.5
+# Who stands still sways: the centre of mass by 3 to 6 mm, root mean square, head and hands by more. Of the joints that
+# move most, in so many seconds.
+_STILL_M, _STILL_S, _MOVE_MOST, _OFTEN_KNOWN = 0.005, 5.0, 0.9, 0.5
 # Somebody who is there for less than this in a longer recording is perhaps nobody.
 _SHORT_LIFE_S = 1.0
 
@@ -193,6 +196,35 @@ def _turn_deg(trajectory: Trajectory) -> Float[np.ndarray, " step"]:
     length_m2 = np.linalg.norm(before_m, axis=-1) * np.linalg.norm(after_m, axis=-1)
     cosine = np.sum(before_m * after_m, axis=-1) / np.maximum(length_m2, 1e-12)
     return np.where(length_m2 > 0, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0)
+
+
+def motionless(recording: FinishedRecording) -> list[Finding]:
+    """People who do not even sway, beside others who move: pictures of people."""
+    moved_m = {person: _moved_m(each) for person, each in recording.people.items()}
+    return [
+        Finding(
+            Code.MOTIONLESS,
+            Severity.NOTE,
+            f"person {person} does not move: joints stay where they are to {1000 * own_m:.0f} mm. Who stands still "
+            "sways by about a centimetre",
+            "Is it a poster, a screen or a mannequin? Then leave this person out.",
+            0.1,
+            person=person,
+        )
+        for person, own_m in moved_m.items()
+        if own_m < _STILL_M and max(moved_m.values()) > _STILL_M
+    ]
+
+
+def _moved_m(trajectory: Trajectory) -> float:
+    """How far the joints that move most are from their mean places, root mean square; inf if that is not known."""
+    if trajectory.time_s[-1] - trajectory.time_s[0] < _STILL_S:
+        return np.inf
+    often = np.isfinite(trajectory.positions_m).all(axis=-1).mean(axis=0) > _OFTEN_KNOWN
+    if not often.any():
+        return np.inf
+    variances_m2 = np.nanvar(trajectory.positions_m[:, often], axis=0).sum(axis=-1)
+    return float(np.sqrt(np.quantile(variances_m2, _MOVE_MOST)))
 
 
 def short_lives(recording: FinishedRecording) -> list[Finding]:

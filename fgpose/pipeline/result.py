@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fgpose.association.recording import Association
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE
+from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.estimation.windows import cut_windows
@@ -92,11 +95,10 @@ def _show_compared(result: Result, recording: Recording) -> None:
     """The results of one person side by side, with what each detection and each factor does to the last of them."""
     source, main, every = result.source, result.main[0], result.compared_every
     shown = slice(None, None, every)
-    evidence = source.gathered(result.config).frames(shown)
-    weights = evidence.weights
+    weights, undistorted_px = _weighted(source.gathered(result.config), np.arange(main.n_frames)[shown])
     if main.visibility is not None:
-        weights = weights * np.nan_to_num(main.visibility[shown])
-    recording.log_observations(source.observations.frames(shown), weights, evidence.undistorted_px, every)
+        weights *= np.nan_to_num(main.visibility[shown])
+    recording.log_observations(source.observations.frames(shown), weights, undistorted_px, every)
     for name, people in result.trajectories.items():
         recording.log_trajectory(name, people[0], 1 if name in result.saved else every)
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
@@ -104,6 +106,16 @@ def _show_compared(result: Result, recording: Recording) -> None:
         recording.log_residuals(main.time_s[shown], _residuals(result), every)
     if result.update_ms is not None:
         recording.log_update_times(result.frame_time_s, result.update_ms)
+
+
+def _weighted(
+    evidence: Evidence | Gathered, frames: Int[np.ndarray, " frame"]
+) -> tuple[Float[np.ndarray, "frame camera joint"], Float[np.ndarray, "frame camera joint 2"]]:
+    """The weight and the undistorted place of each detection in some frames, of a few frames at a time: all that is
+    gathered of them takes ten times as much memory."""
+    parts = (evidence.frames(some) for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)))
+    weights, undistorted_px = zip(*((part.weights, part.undistorted_px) for part in parts), strict=True)
+    return np.concatenate(weights), np.concatenate(undistorted_px)
 
 
 def _residuals(result: Result) -> dict[str, Float[np.ndarray, "frame joint"]]:

@@ -1,0 +1,39 @@
+"""What is suspicious of the motion of people."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.motion_checks import motionless
+from fgpose.finding import Code, Severity
+from tests.fgpose.diagnosis.damaged import FPS, SKELETON, motion_m
+
+
+def somebody(positions_m: np.ndarray) -> fgpose.Trajectory:
+    """As estimated, with errors of 2 mm."""
+    errors_m = np.random.default_rng(0).normal(0, 0.002, positions_m.shape)
+    status = np.full(positions_m.shape[:2], fgpose.Status.OBSERVED)
+    return fgpose.Trajectory(SKELETON, np.arange(len(positions_m)) / FPS, positions_m + errors_m, status)
+
+
+def swaying_m(sway_m: float, n_frames: int = 300) -> np.ndarray:
+    """Standing, the ankles at rest and the head swaying by this, root mean square."""
+    stood_m = np.repeat(motion_m()[:1], n_frames, axis=0)
+    height = stood_m[0, :, 2] / stood_m[0, :, 2].max()
+    stood_m[..., 0] += np.sqrt(2) * sway_m * np.sin(2 * np.pi * np.arange(n_frames) / 90)[:, None] * height
+    return stood_m
+
+
+def test_a_picture_of_somebody_is_told_from_people() -> None:
+    people = {0: somebody(motion_m(n_frames=300)), 1: somebody(swaying_m(0.0)), 2: somebody(swaying_m(0.008))}
+    (finding,) = motionless(FinishedRecording("people", people))
+    assert (finding.code, finding.severity, finding.person) == (Code.MOTIONLESS, Severity.NOTE, 1)
+
+
+@pytest.mark.parametrize("others", [{}, {1: somebody(motion_m(n_frames=150))}])
+def test_nothing_is_told_of_one_alone_or_of_some_seconds(others: dict[int, fgpose.Trajectory]) -> None:
+    still = somebody(swaying_m(0.0, 300 if not others else 120))
+    assert motionless(FinishedRecording("people", {0: still, **others})) == []
