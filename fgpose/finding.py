@@ -65,6 +65,7 @@ class Code(StrEnum):
     LOW_CONFIDENCE = "low-confidence"
     EQUAL_CONFIDENCE = "equal-confidence"
     HALLUCINATING_CAMERA = "hallucinating-camera"
+    THING_FOR_PERSON = "thing-for-person"
     MISPLACED_JOINT = "misplaced-joint"
     READ_WITH_REPAIRS = "read-with-repairs"
     # What came out.
@@ -215,6 +216,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.UNIT: frozenset(
         {Code.IMPOSSIBLE_SPEED, Code.FRAME_RATE, Code.LARGE_ERRORS, Code.OUTSIDE, Code.MOVED_CAMERA, Code.BUMPED_CAMERA}
     ),
+    Code.THING_FOR_PERSON: _OF_ONE_CAMERA,
     Code.MOVED_CAMERA: _OF_ONE_CAMERA,
     Code.BUMPED_CAMERA: _OF_ONE_CAMERA | {Code.MOVED_CAMERA, Code.LATE_CAMERA, Code.CLOCK_RATE},
     Code.LATE_CAMERA: _OF_ONE_CAMERA,

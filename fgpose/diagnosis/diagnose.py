@@ -42,6 +42,7 @@ from fgpose.diagnosis.seen.order import sorted_as_text
 from fgpose.diagnosis.seen.placeholders import Placeholders
 from fgpose.diagnosis.seen.presence import blind, never_seen, nobody, somebody_else
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
+from fgpose.diagnosis.seen.things import Things
 from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, other_bones, outside
 from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
 from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
@@ -199,6 +200,8 @@ def diagnose_finished(recording: FinishedRecording) -> Diagnosis:
 def _diagnosed(examined: Examined) -> Diagnosis:
     placeholders = Placeholders.among(examined)
     found, examined = placeholders.findings(examined), placeholders.as_missing(examined)
+    things = Things.among(examined)
+    found, examined = found + things.findings(examined), things.as_missing(examined)
     not_judged: dict[str, str] = {}
     for what, checks in INPUT_CHECKS.items():
         for check in checks:

@@ -16,9 +16,11 @@ from fgpose.diagnosis.seen.order import sorted_as_text
 from fgpose.diagnosis.seen.placeholders import Placeholders
 from fgpose.diagnosis.seen.presence import blind, nobody, seen_elsewhere
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
+from fgpose.diagnosis.seen.things import Things
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
+from fgpose_benchmarks.synthetic import walking
 from tests.fgpose.diagnosis.damaged import SKELETON, motion_m, recorded, room, with_points
 
 
@@ -50,6 +52,7 @@ def test_nothing_is_told_of_somebody_who_is_always_seen(seen, rig) -> None:
         *interpolated_keypoints(examined),
         *sorted_as_text(examined),
         *Placeholders.among(examined).findings(examined),
+        *Things.among(examined).findings(examined),
     ] == []
 
 
@@ -65,6 +68,7 @@ def test_nothing_is_told_of_a_real_recording() -> None:
         *interpolated_keypoints(examined),
         *sorted_as_text(examined),
         *Placeholders.among(examined).findings(examined),
+        *Things.among(examined).findings(examined),
     ] == []
 
 
@@ -291,3 +295,24 @@ def test_files_that_were_sorted_as_text(seen, rig, first: int, cameras: tuple[in
     (finding,) = sorted_as_text(Examined.of(with_points(seen, points_px), rig))
     assert (finding.code, finding.severity) == (Code.FRAME_ORDER, Severity.WRONG)
     assert f"The images of {where} were sorted" in finding.reason
+
+
+def test_a_robot_that_is_taken_for_the_person(rig) -> None:
+    """In one camera, at first and once again later; what is left is the person."""
+    seen = recorded(rig, walking(150, 30.0), seed=3)
+    thing_px = 0.7 * seen.points2d_px[0, 1] + np.array([300.0, 100.0])
+    of_robot = np.arange(150) < 75
+    of_robot[100:106] = True
+    points_px = seen.points2d_px.copy()
+    points_px[of_robot, 1] = thing_px + np.random.default_rng(0).normal(0, 2, (of_robot.sum(), *thing_px.shape))
+    examined = Examined.of(with_points(seen, points_px), rig)
+    things = Things.among(examined)
+    (finding,) = things.findings(examined)
+    assert (finding.code, finding.severity, finding.camera) == (Code.THING_FOR_PERSON, Severity.DOUBTFUL, "cam2")
+    assert (finding.from_s, finding.to_s) == (0.0, pytest.approx(74 / 30))
+    assert (things.as_missing(examined).main.seen[:, 1].any(axis=1) == ~of_robot).all()
+
+
+def test_somebody_who_stands_still_is_no_thing(rig) -> None:
+    stands_m = np.concatenate([np.repeat(walking(1, 30.0), 75, axis=0), walking(75, 30.0)])
+    assert Things.among(Examined.of(recorded(rig, stands_m, seed=3), rig)).of == {}
