@@ -194,14 +194,17 @@ def lens_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterat
 def other_focal(scene: SynchronousViews, cameras: tuple[int, ...], factor: float) -> Hypothesis:
     """A focal length that is so many times as long."""
 
-    def longer(view: CameraView) -> CameraView:
-        return CameraView(zoomed(view.camera, factor), view.points_px)
+    def longer(given: SynchronousViews) -> SynchronousViews:
+        views = {c: CameraView(zoomed(given.views[c].camera, factor), given.views[c].points_px) for c in cameras}
+        # Where all look at the body, it is made smaller and all misses with it.
+        smaller = factor if len(cameras) == given.n_cameras else 1.0
+        return replace(given.with_views(views), shrunk=smaller * given.shrunk)
 
     given_px = float(np.median([scene.views[c].camera.K[0, 0] for c in cameras]))
     return Hypothesis(
         Code.WRONG_LENS,
         cameras,
-        each_view(longer, cameras),
+        longer,
         f"The focal length of {{cameras}} is not that of the calibration: about {factor * given_px:.0f} px instead of "
         f"{given_px:.0f}",
         "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate its lens anew, or "

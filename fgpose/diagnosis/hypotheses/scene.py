@@ -73,6 +73,8 @@ class SynchronousViews:
     limbs: Int[np.ndarray, "limb side 2"]
     """Joints at both ends of each limb, of the left side and of the right one."""
     time_s: Float[np.ndarray, " frame"]
+    shrunk: float = 1.0
+    """By how much a hypothesis has made the body, and with it all distances, smaller than it is as given."""
 
     @staticmethod
     def of(

@@ -63,9 +63,10 @@ class SearchState:
 
     @cached_property
     def cost(self) -> float:
-        """Of the rays, and of the limbs: two cameras agree on much that is no body."""
+        """Of the rays, on a body that is as large as the given one, and of the limbs: two cameras agree on much that is
+        no body."""
         unsteady = min(self.unsteadiness, 1.0) if np.isfinite(self.unsteadiness) else float(self.scene.shows_limbs)
-        rays = self.consistency.cost
+        rays = self.consistency.cost_of_all(self.scene.shrunk)
         return (rays if np.isfinite(rays) else 1.0) + 0.5 * max(unsteady - STEADY / 2, 0.0)
 
     @cached_property
