@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,48 @@ TIME_ROUNDING_S = 1e-6
 """Times that differ by less are the same."""
 # A dropped image is a gap of two steps, the jitter of a webcam's clock a few tenths of one.
 _LONGEST_STEPS = 1.5
+
+
+# Times of cameras are 1/1000 to 1 s apart; time lapses tell no motion.
+_SHORTEST_STEP_S, _LONGEST_STEP_S = 5e-4, 2.0
+_UNITS_S = {"milliseconds, or numbers of frames": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+_FEW_STEPS = 10
+
+
+def is_of_a_camera(step_s: float) -> bool:
+    """Whether cameras take images that are so far apart, seconds."""
+    return _SHORTEST_STEP_S < step_s < _LONGEST_STEP_S
+
+
+def other_unit(step_s: float) -> str:
+    """What times are probably in whose step is not that of a camera if they are taken for seconds."""
+    units = (unit for unit, seconds in _UNITS_S.items() if is_of_a_camera(step_s * seconds))
+    return next(units, "another unit")
+
+
+class Pace:
+    """Warns once where times that come one after the other are not in seconds."""
+
+    def __init__(self) -> None:
+        self._steps_s: list[float] | None = []  # None: it was told
+
+    def add(self, step_s: float) -> None:
+        """Take the time from one image of a camera to its next.
+
+        Warns:
+            UserWarning: the last ten are longer than those of any camera.
+        """
+        if self._steps_s is None:
+            return
+        self._steps_s = [*self._steps_s, step_s] if step_s >= _LONGEST_STEP_S else []
+        if len(self._steps_s) == _FEW_STEPS:
+            usual_s, self._steps_s = float(np.median(self._steps_s)), None
+            warnings.warn(
+                f"the images of a camera follow each other by {usual_s:.3g} s: no camera films like that. Times are in "
+                f"seconds: are these in {other_unit(usual_s)}?",
+                UserWarning,
+                stacklevel=2,
+            )
 
 
 def usual_step_s(time_s: Float[np.ndarray, " frame"]) -> float:

@@ -7,11 +7,7 @@ import numpy as np
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.intrinsics import is_of_another_size
-from fgpose.sampling import usual_step_s
-
-# Times of cameras are 1/1000 to 1 s apart; that of time lapses tells no motion.
-_SHORTEST_STEP_S, _LONGEST_STEP_S = 5e-4, 2.0
-_UNITS_S = {"milliseconds, or numbers of frames": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+from fgpose.sampling import is_of_a_camera, other_unit, usual_step_s
 
 
 def repaired(examined: Examined) -> list[Finding]:
@@ -25,16 +21,14 @@ def repaired(examined: Examined) -> list[Finding]:
 def unusual_steps(examined: Examined) -> list[Finding]:
     """Images that follow each other by more or less than those of any camera."""
     step_s = usual_step_s(examined.main.frame_time_s)
-    if not np.isfinite(step_s) or _SHORTEST_STEP_S < step_s < _LONGEST_STEP_S:
+    if not np.isfinite(step_s) or is_of_a_camera(step_s):
         return []
-    units = (unit for unit, seconds in _UNITS_S.items() if _SHORTEST_STEP_S < step_s * seconds < _LONGEST_STEP_S)
-    unit = next(units, "another unit")
     return [
         Finding(
             Code.FRAME_RATE,
             Severity.WRONG,
             f"The images follow each other by {step_s:.3g} s: no camera films like that",
-            f"Times are in seconds: are these in {unit}?",
+            f"Times are in seconds: are these in {other_unit(step_s)}?",
             1.0,
             numbers={"step_s": step_s},
         )

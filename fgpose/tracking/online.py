@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence, Set
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import refuse_millimetres
 from fgpose.people_observations import NOTHING, Detections, refuse_mixed_appearance
+from fgpose.sampling import Pace
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import NewDetections
@@ -64,6 +66,9 @@ class Tracker:
         self._waiting: list[Detections] = []
         """Images that are far later than all before."""
         self._image_s: dict[str, float] = {}
+        self._pace = Pace()
+        self._told_of: set[str] = set()
+        """Cameras whose images are not used, which was said."""
         self._has_covariance: bool | None = None
         """Whether per-view 3D comes with covariance; None: there was none yet."""
         self._with_appearance: list[Detections] = []
@@ -108,7 +113,8 @@ class Tracker:
             OSError: a process of estimators cannot be started again.
 
         Warns:
-            UserWarning: a process of estimators ended or did not answer; the estimates of its people begin anew.
+            UserWarning: a process of estimators ended or did not answer; the estimates of its people begin anew. Images
+                of a camera are left out, as they are far later than all others; or times are not in seconds.
         """
         taken = self._taken(images)
         if not images:
@@ -164,12 +170,17 @@ class Tracker:
                     f"{image}: {image.points2d_px.shape[1]} joints, skeleton {self.skeleton.name} has "
                     f"{self.skeleton.n_joints}"
                 )
-        images, waiting = _believed(images, self._waiting, newest)
+        given = [*self._waiting, *images]
+        images, waiting = _believed(images, self._waiting, newest, self.rig.n_cameras)
         for image in sorted(images, key=lambda image: image.time_s):
             if image.time_s <= newest.get(image.camera, -np.inf):
                 raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:.13g} s")
-            if image.time_s < max(newest.values(), default=-np.inf) - self.config.online.lag_s:
-                raise ValueError(f"{image}: older than the newest image by more than online.lag_s")
+            ahead = max(newest, key=newest.__getitem__, default=image.camera)
+            if image.time_s < newest.get(ahead, -np.inf) - self.config.online.lag_s:
+                raise ValueError(
+                    f"{image}: older than the newest image, of {ahead} at {newest[ahead]:.13g} s, by more than "
+                    "online.lag_s; is the clock of one of them another one?"
+                )
             newest[image.camera] = image.time_s
             if image.points3d_m is not None:
                 try:
@@ -181,9 +192,25 @@ class Tracker:
                 has_covariance = image.covariance3d_m2 is not None
         with_appearance = [*self._with_appearance, *(image for image in images if image.appearance is not None)]
         refuse_mixed_appearance(with_appearance)
+        for camera, time_s in newest.items():
+            if time_s > self._image_s.get(camera, np.inf):
+                self._pace.add(time_s - self._image_s[camera])
         self._image_s, self._with_appearance = newest, with_appearance[:1]
         self._has_covariance, self._waiting = has_covariance, waiting
+        self._warn_of_unused(given, {image.camera for image in (*images, *waiting)})
         return images
+
+    def _warn_of_unused(self, given: Sequence[Detections], believed: Set[str]) -> None:
+        """Once for each camera."""
+        for image in given:
+            if image.camera not in believed | self._told_of:
+                self._told_of.add(image.camera)
+                warnings.warn(
+                    f"{image}: more than a minute later than those of all others, and not used. Is the clock of "
+                    f"{image.camera} another one?",
+                    UserWarning,
+                    stacklevel=4,
+                )
 
     def _update(self, images: list[Detections]) -> list[Tracked]:
         sightings = self._follower.see(images)
@@ -238,7 +265,7 @@ class Tracker:
 
 
 def _believed(
-    images: Sequence[Detections], waiting: Sequence[Detections], newest_s: Mapping[str, float]
+    images: Sequence[Detections], waiting: Sequence[Detections], newest_s: Mapping[str, float], n_cameras: int
 ) -> tuple[list[Detections], list[Detections]]:
     """Those that are to be used now, and those that wait: images that are far later than all before, for all others
     would be too old for one wrong stamp. They are used when an image of another camera is of about their time, and
@@ -248,14 +275,17 @@ def _believed(
         images: the newest.
         waiting: those that wait so far.
         newest_s: of each camera that has given images, when it took the last that was used.
+        n_cameras: of the rig.
     """
-    far_s = max(newest_s.values(), default=float("inf")) + _FAR_S
+    # At first the image in the middle is believed: half of the clocks are right.
+    first_s = float(np.quantile([image.time_s for image in images], 0.5, method="lower")) if images else np.inf
+    far_s = max(newest_s.values(), default=first_s) + _FAR_S
     used = [image for image in images if image.time_s <= far_s]
     ahead = [image for image in images if image.time_s > far_s]
     together = [*waiting, *ahead]
     for image in ahead:
         near = [each for each in together if abs(each.time_s - image.time_s) <= _FAR_S]
-        if len({each.camera for each in near}) >= min(2, len(newest_s)) or len(near) >= _ENOUGH_OF_ONE:
+        if len({each.camera for each in near}) >= min(2, n_cameras) or len(near) >= _ENOUGH_OF_ONE:
             return [*used, *near], []
     return used, [] if used else together[-_ENOUGH_OF_ONE * len(newest_s) :]
 

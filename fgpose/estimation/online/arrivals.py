@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.observations import Observations
+from fgpose.sampling import Pace
 from fgpose.skeleton import Skeleton
 
 # The median of these is the usual step. With more, a change of the frame rate is noticed later; with fewer, jitter
@@ -39,6 +40,7 @@ class Arrivals:
         self._names = camera_names
         self._last_s = np.full(len(camera_names), np.nan)
         self._steps_s: deque[float] = deque(maxlen=_REMEMBERED_STEPS)
+        self._pace = Pace()
 
     @property
     def usual_step_s(self) -> float:
@@ -84,7 +86,10 @@ class Arrivals:
 
     def took(self, time_s: Float[np.ndarray, " camera"]) -> None:
         """Learn the usual step from images that were used: the time of that of each camera; NaN: there was none."""
-        self._steps_s.extend((time_s - self._last_s)[time_s > self._last_s].tolist())
+        steps_s = (time_s - self._last_s)[time_s > self._last_s].tolist()
+        self._steps_s.extend(steps_s)
+        for step_s in steps_s:
+            self._pace.add(step_s)
         self._last_s = np.fmax(self._last_s, time_s)
 
 
