@@ -43,6 +43,8 @@ _LIMBS = tuple(
 _PARTS = (*_LIMBS, *_ACROSS)
 # Of parts that are long: errors of joints are small shares of them.
 _LONG = (*_LIMBS, _ACROSS[0])
+_LEGS = tuple(part for part in _LIMBS if "knee" in f"{part.start} {part.end}")
+_FEWEST_PARTS = 3
 _LEAST_FRAMES = 5
 
 
@@ -65,10 +67,18 @@ def lengths_m(
     return usual, change, share
 
 
-def stature_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton, n_parts: int = 3) -> float:
-    """Median over the long parts of what each says; NaN with fewer than so many."""
+def stature_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:
+    """Median over the long parts of what each says; NaN with fewer than three, or without legs: by the arms alone of
+    motion capture people of 1.6 to 1.8 m would be 1.2 to 1.5 m tall."""
     usual, _, share = lengths_m(positions_m, skeleton, _LONG)
-    return float(np.median(usual / share)) if len(usual) >= n_parts else np.nan
+    legs, *_ = lengths_m(positions_m, skeleton, _LEGS)
+    return float(np.median(usual / share)) if len(usual) >= _FEWEST_PARTS and len(legs) else np.nan
+
+
+def rough_stature_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:
+    """The same by any long part, to half of it; NaN without any."""
+    usual, _, share = lengths_m(positions_m, skeleton, _LONG)
+    return float(np.median(usual / share)) if len(usual) else np.nan
 
 
 def strangeness(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fgpose.diagnosis.body.proportions import stature_m
+from fgpose.diagnosis.body.proportions import rough_stature_m, stature_m
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.up_axis import nearest_axis, up_vector
@@ -34,6 +34,9 @@ _STATURE_SIGMA = 0.06  # of grown-ups, as a share
 _SQUARE_M = (0.012, 0.13)
 # As fgpose.kinematics.vertical: who leans by more than this does not stand.
 _UPRIGHT_DEG = 25.0
+# A tilt that bodies and cameras tell is known to 3 degrees.
+_TILTED_DEG = 8.0
+_TO_LEVEL = "Angles to the vertical, heights and TRC are off by it. Give --world-up auto: it is turned level then."
 
 
 class Mistake(NamedTuple):
@@ -64,7 +67,7 @@ def wrong_unit(examined: Examined) -> list[Finding]:
     tall_m = stature_m(examined.body_m, examined.main.skeleton)
     margin = _ROUGHLY if examined.side_by_side else 1.0
     if np.isnan(tall_m):
-        tall_m, margin = stature_m(examined.body_m, examined.main.skeleton, n_parts=1), _ROUGHLY
+        tall_m, margin = rough_stature_m(examined.body_m, examined.main.skeleton), _ROUGHLY
     if np.isnan(tall_m):
         raise NotJudgedError("too few limbs are seen to tell how large the person is")
     if _SMALLEST_M / margin < tall_m < _TALLEST_M * margin:
@@ -150,15 +153,11 @@ def wrong_up(examined: Examined) -> list[Finding]:
         return [Finding(Code.WORLD_UP, Severity.NOTE, found.remark, remedy, 0.3)]
     away = np.clip(up_vector(found.world_up) @ up_vector(examined.world_up), -1, 1)
     angle_deg = float(np.rad2deg(np.arccos(away)))
-    if angle_deg <= _UPRIGHT_DEG:
-        return []
-    return [
-        Finding(
-            Code.WORLD_UP,
-            Severity.WRONG,
-            f"--world-up {examined.world_up} was given, but {found.remark}",
-            f"Give --world-up {nearest_axis(found.world_up)}, or auto.",
-            0.8,
-            numbers={"angle_deg": angle_deg},
-        )
-    ]
+    numbers, given = {"angle_deg": angle_deg}, f"--world-up {examined.world_up} was given, but "
+    if angle_deg > _UPRIGHT_DEG:
+        remedy = f"Give --world-up {nearest_axis(found.world_up)}, or auto."
+        return [Finding(Code.WORLD_UP, Severity.WRONG, given + found.remark, remedy, 0.8, numbers=numbers)]
+    if angle_deg > _TILTED_DEG and not isinstance(found.world_up, str):
+        tilt, _, _ = found.remark.partition(";")
+        return [Finding(Code.WORLD_UP, Severity.DOUBTFUL, given + tilt, _TO_LEVEL, 0.4, numbers=numbers)]
+    return []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 
+import cv2
 import numpy as np
 import pytest
 
@@ -23,6 +24,7 @@ from fgpose.geometry.up_axis import UpAxis
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose_benchmarks.calibration.real import webcam
+from fgpose_benchmarks.synthetic import walking
 from tests.fgpose.diagnosis.damaged import SKELETON, motion_m, posed, recorded, room, with_points
 
 SIDES = (("left", "right"), ("right",))
@@ -117,6 +119,14 @@ def test_a_scale_that_fits_somebody_is_right(seen, rig) -> None:
     assert wrong_unit(Examined.of(seen, scaled(rig, 0.92))) == []
 
 
+def test_arms_and_trunk_tell_no_stature(seen, rig) -> None:
+    """Of somebody in a wheelchair, whose forearms are those of a child of 1.2 m."""
+    legs = [SKELETON.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle")]
+    points_px = seen.points2d_px.copy()
+    points_px[:, :, legs] = np.nan
+    assert wrong_unit(Examined.of(with_points(seen, points_px), scaled(rig, 0.85))) == []
+
+
 def test_a_unit_is_found_by_one_arm() -> None:
     rig = room(2, seed=3)
     seen, arm = recorded(rig, seed=3), [SKELETON.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]
@@ -144,6 +154,19 @@ def test_a_world_that_is_the_frame_of_a_camera(seen, rig) -> None:
     assert finding.severity is Severity.NOTE
     assert "--world-up" in finding.remedy
     assert "-y" in finding.reason
+
+
+@pytest.mark.parametrize(("tilt_deg", "severities"), [(17.0, [Severity.DOUBTFUL]), (4.0, [])])
+def test_a_given_axis_from_which_the_world_is_tilted(rig, tilt_deg: float, severities: list[Severity]) -> None:
+    """As that of a camera which looks down, where its -y is said to be up."""
+    tilt = np.eye(4)
+    tilt[:3, :3] = cv2.Rodrigues(np.deg2rad([tilt_deg, 0.0, 0.0]))[0]
+    walker = recorded(rig, walking(150, 30.0), seed=3)
+    found = wrong_up(Examined.of(walker, posed(rig, lambda pose: tilt @ Y_DOWN @ pose), world_up="-y"))
+    assert [each.severity for each in found] == severities
+    assert all(
+        "--world-up -y was given, but the world is tilted by 17 degrees from -y" in each.reason for each in found
+    )
 
 
 def test_left_and_right_exchanged_in_all_views(seen, rig) -> None:

@@ -8,7 +8,7 @@ joints fit better at one than at the other. Cameras without poses are joined by 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -36,6 +36,8 @@ _DECISIVE = 3.0
 _MAX_ALIKE = 0.6
 # One other moment is no repetition, unless it is the next stride, which even a slow walker makes within this time.
 _REPEATED, _STRIDE_S = 2, 1.4
+# All pairs see the same motion: where most of so many see it repeat itself, it does for the others.
+_FEWEST_PAIRS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +127,20 @@ class _Proposed:
     clear: float
     """By how many standard deviations the best moment is better than the next, and than chance."""
 
+    def one_of_many(self, stride_s: float) -> _Proposed:
+        """Of a motion that repeats itself after this time: another moment would fit as well, but for chance."""
+        joined = self.joined
+        alike_s = joined.alike_s or (joined.best_s - stride_s, joined.best_s + stride_s)
+        return _Proposed(replace(joined, is_decisive=False, alike_s=alike_s), 0.0)
+
+
+def _repeated_s(pairs: Sequence[Joined]) -> float | None:
+    """After which time the motion repeats itself, as most pairs of cameras see it; None: it does not."""
+    strides_s = [min(abs(each - pair.best_s) for each in pair.alike_s) for pair in pairs if pair.alike_s]
+    if len(pairs) < _FEWEST_PAIRS or len(strides_s) <= len(pairs) / 2:
+        return None
+    return float(np.median(strides_s))
+
 
 @dataclass
 class _Cameras:
@@ -195,6 +211,8 @@ def join_placed(views: Sequence[View], offsets_s: Mapping[int, float] | None = N
         proposed = [(each, others_s) for c, others_s in tries if (each := cameras.propose(c, others_s)) is not None]
         if not proposed:
             break
+        if not known_s and (stride_s := _repeated_s([each.joined for each, _ in proposed])) is not None:
+            proposed = [(each.one_of_many(stride_s), others_s) for each, others_s in proposed]
         for each, others_s in sorted(proposed, key=lambda found: found[0].clear):
             joining.joined.update(dict.fromkeys([each.joined.camera, *(() if known_s else others_s)], each.joined))
         best, others_s = max(proposed, key=lambda found: found[0].clear)
