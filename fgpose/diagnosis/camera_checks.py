@@ -53,8 +53,8 @@ def few_cameras(recording: FinishedRecording) -> list[Finding]:
         Finding(
             Code.FEW_CAMERAS,
             Severity.NOTE,
-            f"{n_cameras} camera{'s' if n_cameras > 1 else ''}: nothing contradicts a detection that is wrong, so "
-            "residuals say little about errors",
+            f"{n_cameras} camera{'s' if n_cameras > 1 else ''}: nothing contradicts a detection that is wrong, or a "
+            "camera that was turned to the side since it was calibrated, so residuals say little about errors",
             "Add cameras: four or more that see the person from different sides.",
             0.8,
         )

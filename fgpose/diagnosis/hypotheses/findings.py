@@ -12,7 +12,7 @@ from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.body.sides import exchanged_limbs, mirrored
 from fgpose.diagnosis.body.skeletons import better_skeleton
 from fgpose.diagnosis.examined import Examined, NotJudgedError
-from fgpose.diagnosis.hypotheses.consistency import consistency
+from fgpose.diagnosis.hypotheses.consistency import NEAR_M, consistency
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.geometry import Geometry
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -45,7 +45,7 @@ def disagreements(examined: Examined) -> list[Finding]:
     if geometry.odd:
         return [_of_odd(examined, geometry, camera, why) for camera, why in geometry.odd]
     if not geometry.wrong:
-        return []
+        return [_hardly(geometry)] if geometry.hardly_agrees else []
     if geometry.usable and better_skeleton(examined.body_m, examined.main.skeleton) is not None:
         return []  # it is the names of the joints
     return [_no_agreement(geometry)]
@@ -247,6 +247,21 @@ def _no_agreement(geometry: Geometry) -> Finding:
         "fgpose calibrate from the people in it.",
         1.0,
         numbers=numbers,
+    )
+
+
+def _hardly(geometry: Geometry) -> Finding:
+    names, missed_m = geometry.state.scene.names, _worst_m(geometry.state.medians_m)
+    share = float(geometry.state.consistency.shares.min())
+    return Finding(
+        Code.NO_AGREEMENT,
+        Severity.DOUBTFUL,
+        f"{' and '.join(names)} hardly agree: {100 * share:.0f} % of their rays pass each other by less than "
+        f"{_length(NEAR_M)}, and half of them by {_length(missed_m)} or more ({_USUAL})",
+        "Is most of the body hidden from one of them? If not, keypoints or calibration are of another camera, or of "
+        "another recording.",
+        0.8,
+        numbers={"missed_m": missed_m},
     )
 
 

@@ -26,6 +26,8 @@ Scene = Callable[[Int[np.ndarray, " sample"]], SynchronousViews]
 _FRAMES = 120
 # Two cameras whose rays pass each other by this are not of one recording: see search.NORMAL_M.
 _FAR_M = 0.12
+# Of two cameras that agree where occluders hide a third of the joints it is 53 mm.
+_HARDLY_M = 0.1
 # A camera with twice the error of the others has a systematic one of 1.7 times the random one (camera_checks.py).
 _STANDS_OUT = 2.5
 _FEW_NEAR = 0.4
@@ -73,6 +75,11 @@ class Geometry:
             far &= bool((self.state.consistency.shares < _FEW_NEAR).any())
         unsteady = bool(self.state.unsteadiness > _NO_BODY)
         return far or (self.state.scene.n_cameras == 2 and unsteady and self._parallax)
+
+    @property
+    def hardly_agrees(self) -> bool:
+        """Whether two cameras miss most joints by more than those that see the same, be much of it hidden."""
+        return self.state.scene.n_cameras == 2 and bool((self.state.medians_m > _HARDLY_M).any())
 
     @property
     def stands_out(self) -> bool:

@@ -23,6 +23,8 @@ class Hypothesis:
     numbers: Mapping[str, float] = field(default_factory=dict)
     preference: int = 0
     """Of causes that explain a recording equally well, the one with the smallest is named: it is commoner."""
+    of_many: bool = False
+    """Whether it was chosen among so many that one of them nearly makes any two cameras agree."""
 
     def named(self, names: tuple[str, ...]) -> str:
         """Whom it is about."""

@@ -22,6 +22,7 @@ from fgpose.sampling import spread_evenly
 # Half of the rays of each camera pass the joint by this: real recordings have 6 to 32 mm (embedded ones, with
 # calibrations that are off by up to 60 mm), 53 mm where occluders hide a third of the joints.
 NORMAL_M = 0.06
+_NORMAL_OF_MANY_M = 0.03  # of two cameras of a right rig; the best of many turns of exchanged ones leaves 50 mm
 # A cause is found if what is left of the cost is this share of it; the next best other one has to leave so many times
 # as much.
 EXPLAINED, _CLEARLY = 0.5, 1.5
@@ -187,6 +188,8 @@ def _first_credible(ranked: list[tuple[Hypothesis, SearchState]], scene: Synchro
 def _is_credible(cause: Hypothesis, scene: SynchronousViews) -> bool:
     """Two cameras agree on so little that almost any size or focal length can be found that makes them agree; and a
     camera that was turned agrees better with images of another size, but not of one that anybody uses."""
+    if cause.of_many and scene.n_cameras == 2:
+        return bool((SearchState(cause.mend(scene)).medians_m < _NORMAL_OF_MANY_M).all())
     if cause.code is Code.IMAGE_SIZE:
         factors = cause.numbers["factor_x"], cause.numbers["factor_y"]
         change = float(np.abs(np.log(factors)).max())

@@ -235,6 +235,19 @@ def test_cameras_that_are_counted_from_another_number() -> None:
 
 
 @pytest.mark.slow
+def test_two_cameras_of_which_one_has_the_keypoints_of_a_third() -> None:
+    """That is not known of these two; nor is it said that the calibration is in degrees, as one turn of many fits."""
+    four = room(4, seed=4)
+    walk = recorded(four, walking(120, 30.0), seed=4)
+    seen, rig = (
+        with_points(walk, walk.points2d_px[:, [0, 2, 1, 3]]).subset(["cam1", "cam2"]),
+        four.subset(["cam1", "cam2"]),
+    )
+    findings = found(seen, rig)
+    assert [each.code for each in findings] == [Code.NO_AGREEMENT]
+    assert findings[0].severity is not Severity.NOTE
+
+
 def test_a_camera_that_stands_elsewhere(seen: Observations, rig: CameraRig) -> None:
     finding = only(seen, turned(rig, 1, 40.0, right_m=0.6))
     assert (finding.code, finding.camera) == (Code.WRONG_CAMERA, "cam2")
