@@ -43,6 +43,15 @@ def test_sources_in_the_calibration_itself(rig: CameraRig, calibration: Path, tm
     assert load_rig(path).names == rig.names[:2]  # every other command can use the file too
 
 
+def test_starts_of_videos_that_are_no_start_s_are_warned_of(rig: CameraRig, tmp_path: Path) -> None:
+    two = rig.subset(rig.names[:2])
+    save_rig(two.with_time_offsets(np.array([0.0, 1.3])), tmp_path / "Calib.toml")
+    path = tmp_path / "rig.toml"
+    path.write_text('[live]\ncalibration = "Calib.toml"\n' + tables(two.names))
+    with pytest.warns(UserWarning, match=f"{two.names[1]} is 1.3 s later than {two.names[0]}, and nobody may be seen"):
+        load_live_rig(path)
+
+
 def test_sources_in_the_tables_of_caliscope(tmp_path: Path) -> None:
     camera = "size = [640, 480]\nmatrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]\ndistortions = [0, 0, 0, 0, 0]\n"
     pose = "rotation = [0.1, 0.2, 0.3]\ntranslation = [{}, 0.0, 3.0]\n"
