@@ -15,11 +15,12 @@ from fgpose.observations import Observations
 from fgpose.sampling import stretches, usual_step_s
 
 # Joints of a thing tremble by 0.5 % of its size in the image, as networks err; those of somebody who works or walks
-# move by more than 5 % in a second, those of somebody who stands by as little as a thing, in all views alike: in single
-# seconds views of people differ by up to six times.
+# move by 5 % in a second, those of somebody who stands by as little as a thing, in all views alike: where one view shows
+# so little of people, two others show twice as much at most.
 _SECOND_S, _FEWEST_FRAMES = 1.0, 6
-_STILL, _MOVES, _FAR_LESS = 0.015, 0.05, 0.2
-_FEWEST_SECONDS = 2
+_STILL, _MOVES, _FAR_LESS = 0.015, 0.03, 0.3
+_REPEATED = 1e-6  # images that are the same to the last digit: see frozen_cameras
+_FEWEST_SECONDS, _FEWEST_CAMERAS = 2, 3
 _FEWEST_JOINTS = 5
 
 
@@ -57,17 +58,22 @@ def _still(seen: Observations) -> Bool[np.ndarray, "frame camera"]:
     still = np.zeros(seen.seen.shape[:2], dtype=bool)
     per_second = round(_SECOND_S / usual_step_s(seen.frame_time_s))
     n_seconds = seen.n_frames // max(per_second, 1)
-    if per_second < _FEWEST_FRAMES or n_seconds < _FEWEST_SECONDS:
+    if per_second < _FEWEST_FRAMES or n_seconds < _FEWEST_SECONDS or seen.n_cameras < _FEWEST_CAMERAS:
         return still
     seconds_px = seen.points2d_px[: n_seconds * per_second].reshape(n_seconds, per_second, *seen.points2d_px.shape[1:])
     moved = _moved(seconds_px)
-    others = np.stack([np.nan_to_num(np.delete(moved, c, axis=1)).max(axis=1) for c in range(moved.shape[1])], axis=1)
-    found = (moved > 0) & (moved < _STILL) & (others > _MOVES) & (moved < _FAR_LESS * others)
+    others = np.stack([_as_two_show(np.delete(moved, c, axis=1)) for c in range(moved.shape[1])], axis=1)
+    found = (moved > _REPEATED) & (moved < _STILL) & (others > _MOVES) & (moved < _FAR_LESS * others)
     for c in range(found.shape[1]):
         for first, end in stretches(found[:, c]):
             if end - first >= _FEWEST_SECONDS and _stays(seconds_px[first:end, :, c]):
                 still[:, c] |= _at_its_place(seen.points2d_px[:, c], slice(first * per_second, end * per_second))
     return still
+
+
+def _as_two_show(moved: Float[np.ndarray, "second camera"]) -> Float[np.ndarray, " second"]:
+    """By how much the body moves as two cameras at least show it: one alone may show another time."""
+    return np.sort(np.nan_to_num(moved), axis=1)[:, -2]
 
 
 def _moved(seconds_px: Float[np.ndarray, "second frame camera joint 2"]) -> Float[np.ndarray, "second camera"]:

@@ -313,6 +313,18 @@ def test_a_robot_that_is_taken_for_the_person(rig) -> None:
     assert (things.as_missing(examined).main.seen[:, 1].any(axis=1) == ~of_robot).all()
 
 
+def test_images_that_stand_still_and_clocks_that_differ_are_no_things(rig) -> None:
+    """One camera shows somebody walk when two show somebody stand; or its images are the same."""
+    stands_m = np.concatenate([np.repeat(walking(1, 30.0), 75, axis=0), walking(75, 30.0)])
+    seen = recorded(rig, stands_m, seed=3)
+    points_px = seen.points2d_px.copy()
+    points_px[:, 0] = np.roll(points_px[:, 0], 75, axis=0)
+    assert Things.among(Examined.of(with_points(seen, points_px), rig)).of == {}
+    points_px = recorded(rig, walking(150, 30.0), seed=3).points2d_px.copy()
+    points_px[40:, 1] = points_px[40, 1]
+    assert Things.among(Examined.of(with_points(seen, points_px), rig)).of == {}
+
+
 def test_somebody_who_stands_still_is_no_thing(rig) -> None:
     stands_m = np.concatenate([np.repeat(walking(1, 30.0), 75, axis=0), walking(75, 30.0)])
     assert Things.among(Examined.of(recorded(rig, stands_m, seed=3), rig)).of == {}
