@@ -78,8 +78,10 @@ class Geometry:
 
     @property
     def hardly_agrees(self) -> bool:
-        """Whether two cameras miss most joints by more than those that see the same, be much of it hidden."""
-        return self.state.scene.n_cameras == 2 and bool((self.state.medians_m > _HARDLY_M).any())
+        """Whether two cameras miss most joints by more than those that see the same, be much of it hidden; not where
+        their rays are too nearly parallel to tell."""
+        medians_m = self.state.medians_m
+        return self.state.scene.n_cameras == 2 and bool((np.isfinite(medians_m) & (medians_m > _HARDLY_M)).any())
 
     @property
     def stands_out(self) -> bool:

@@ -14,9 +14,9 @@ from fgpose.finding import Code, Finding, Severity
 from fgpose.observations import Observations
 from fgpose.sampling import stretches, usual_step_s
 
-# Joints of a thing tremble by 0.5 % of its size in the image, as networks err; those of somebody who works or walks
-# move by 5 % in a second, those of somebody who stands by as little as a thing, in all views alike: where one view shows
-# so little of people, two others show twice as much at most.
+# Joints of a thing tremble by 0.5 % of its size in the image, as networks err. Those of somebody who works or walks
+# move by 5 % in a second, those of somebody who stands by as little as a thing, but in all views alike: where one view
+# shows so little of people, two others show twice as much at most.
 _SECOND_S, _FEWEST_FRAMES = 1.0, 6
 _STILL, _MOVES, _FAR_LESS = 0.015, 0.03, 0.3
 _REPEATED = 1e-6  # images that are the same to the last digit: see frozen_cameras
