@@ -34,4 +34,4 @@ class FrozenKeypoints:
 def are_same(a: Detections, b: Detections) -> bool:
     """Whether two images show the same people at the same pixels: the later one tells nothing new of them."""
     # Of bytes, as there is one NaN only: this is asked for every image.
-    return bool(a.n_people) and a.points2d_px.tobytes() == b.points2d_px.tobytes()
+    return a.points2d_px.tobytes() == b.points2d_px.tobytes() and bool(np.isfinite(a.points2d_px).any())

@@ -35,5 +35,6 @@ def test_neither_somebody_who_stands_still_nor_nobody_is_frozen() -> None:
     place_px = rng.uniform(0, 1000, (1, 17, 2))
     assert np.isnan(first_alarm_s([place_px + rng.normal(0, 0.1, place_px.shape) for _ in range(90)]))
     assert np.isnan(first_alarm_s(90 * [np.zeros((0, 17, 2))]))
+    assert np.isnan(first_alarm_s(90 * [np.full((2, 17, 2), np.nan)]))  # of a detector that always sends two
     # Every result twice, as of a network that looks at every second image.
     assert np.isnan(first_alarm_s([place_px + number // 2 for number in range(90)]))
