@@ -63,7 +63,7 @@ class KeypointChecks:
         self.senders.take(detections.camera, connection, arrived_s)
         if detections.camera in self._synchronised and detections.time_s > arrived_s + FUTURE_S:
             ahead_s = detections.time_s - arrived_s
-            raise MessageError("time", f"camera {detections.camera}: an image {ahead_s:.2f} s ahead of the clock")
+            raise MessageError("time", f"an image {ahead_s:.2f} s ahead of the clock", detections.camera)
         self._stamps.setdefault(detections.camera, _Stamps()).check(detections, arrived_s)
         return ArrivedDetections(detections, arrived_s)
 
@@ -87,8 +87,8 @@ class _Stamps:
         advance_s, elapsed_s = new[0] - self._taken[0], new[1] - self._taken[1]
         raise MessageError(
             "time",
-            f"camera {detections.camera}: the stamp of an image is {advance_s:.3f} s after the one before, which came "
-            f"{elapsed_s:.3f} s ago",
+            f"the stamp of an image is {advance_s:.3f} s after the one before, which came {elapsed_s:.3f} s ago",
+            detections.camera,
         )
 
 

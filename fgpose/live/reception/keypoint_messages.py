@@ -104,7 +104,7 @@ def decode_keypoints(
     camera = _checked_camera(document, rig, skeleton)
     wanted = (keys or {}).get(camera.name, "")
     if wanted and not hmac.compare_digest(document.key.encode(), wanted.encode()):
-        raise MessageError("key", f"camera {camera.name}: a message without the key of the rig file")
+        raise MessageError("key", "a message without the key of the rig file", camera.name)
     points2d_px = document.points2d_px.array()
     shape = _people_shape(points2d_px, camera, skeleton)
     arrays = {"confidence": _array(document.confidence, "confidence", camera, shape)}
@@ -131,15 +131,13 @@ def _checked_camera(document: _Keypoints, rig: CameraRig, skeleton: Skeleton) ->
     camera = rig.cameras[rig.names.index(name)]
     if document.skeleton != skeleton.name:
         wanted = f"{skeleton.name} with {skeleton.n_joints} joints"
-        raise MessageError("skeleton", f"camera {name}: skeleton {quoted(document.skeleton)}, not {wanted}")
+        raise MessageError("skeleton", f"skeleton {quoted(document.skeleton)}, not {wanted}", name)
     if document.size_px != tuple(camera.size_px):
-        raise MessageError(
-            "image size", f"camera {name}: images of {quoted(document.size_px)}, calibrated are {camera.size_px}"
-        )
+        raise MessageError("image size", f"images of {quoted(document.size_px)}, calibrated are {camera.size_px}", name)
     if not np.isfinite(document.time_s):
-        raise MessageError("time", f"camera {name}: the time of an image is {document.time_s}")
+        raise MessageError("time", f"the time of an image is {document.time_s}", name)
     if document.covariance3d_camera_m2 and not document.points3d_camera_m:
-        raise MessageError("content", f"camera {name}: a covariance without 3D joints")
+        raise MessageError("content", "a covariance without 3D joints", name)
     return camera
 
 
@@ -147,16 +145,16 @@ def _people_shape(points2d_px: np.ndarray, camera: Camera, skeleton: Skeleton) -
     shape = points2d_px.shape
     if len(shape) != 3 or shape[1:] != (skeleton.n_joints, 2):
         wanted = f"(people, {skeleton.n_joints}, 2), got {shape}"
-        raise MessageError("shape", f"camera {camera.name}: points2d_px must be {wanted}")
+        raise MessageError("shape", f"points2d_px must be {wanted}", camera.name)
     if shape[0] > MAX_PEOPLE:
-        raise MessageError("shape", f"camera {camera.name}: {shape[0]} people in an image, at most {MAX_PEOPLE}")
+        raise MessageError("shape", f"{shape[0]} people in an image, at most {MAX_PEOPLE}", camera.name)
     return shape[:2]
 
 
 def _array(sent: PackedArray, name: str, camera: Camera, shape: tuple[int | None, ...]) -> np.ndarray:
     if len(sent.shape) != len(shape) or any(n not in (None, m) for n, m in zip(shape, sent.shape, strict=True)):
         wanted = ", ".join("any" if n is None else str(n) for n in shape)
-        raise MessageError("shape", f"camera {camera.name}: {name} must be ({wanted}), got {sent.shape}")
+        raise MessageError("shape", f"{name} must be ({wanted}), got {sent.shape}", camera.name)
     return sent.array()
 
 
@@ -165,6 +163,6 @@ def _covariance(sent: PackedArray, points_m: np.ndarray, camera: Camera) -> np.n
     covariance_m2 = _array(sent, "covariance3d_camera_m2", camera, (*points_m.shape, 3))
     known = np.isfinite(points_m).all(axis=-1)
     if not positive_definite(covariance_m2[known]).all():
-        raise MessageError("values", f"camera {camera.name}: the covariance of a 3D joint is not positive definite")
+        raise MessageError("values", "the covariance of a 3D joint is not positive definite", camera.name)
     R = camera.world_T_camera[:3, :3]
     return R @ covariance_m2 @ R.T

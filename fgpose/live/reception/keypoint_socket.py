@@ -77,7 +77,7 @@ class KeypointSocket:
 
     @property
     def rejected(self) -> tuple[Rejected, ...]:
-        """What was refused, by kind."""
+        """What was refused, by kind and camera."""
         return self._rejections.so_far()
 
     @property

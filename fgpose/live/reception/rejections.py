@@ -1,4 +1,4 @@
-"""Messages that are refused: counted by kind, and said once for each."""
+"""Messages that are refused: counted by kind and camera, and said once for each."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 class MessageError(ValueError):
     """A message is refused."""
 
-    def __init__(self, kind: str, reason: str) -> None:
-        super().__init__(reason)
+    def __init__(self, kind: str, reason: str, camera: str = "") -> None:
+        super().__init__(f"camera {camera}: {reason}" if camera else reason)
+        self.camera = camera
+        """Whose message it is, if that is known."""
         self.kind = kind
         """What is wrong, in a word or two: size, content, camera, skeleton, image size, shape, time, values, link,
         connection or unexpected."""
@@ -21,6 +23,8 @@ class Rejected:
     """Messages that were refused for one kind of reason."""
 
     kind: str
+    camera: str
+    """Whose they are; empty: nobody's, or nobody knows."""
     n: int
     first: str
     """What the first of them said."""
@@ -31,25 +35,26 @@ class Rejections:
 
     Args:
         source: of the messages, for people.
-        tell: called with one line for the first message of each kind.
+        tell: called with one line for the first message of each kind of each camera.
     """
 
     def __init__(self, source: str, tell: Callable[[str], None] | None) -> None:
         self._source, self._tell = source, tell
-        self._by_kind: dict[str, Rejected] = {}
+        self._by_kind: dict[tuple[str, str], Rejected] = {}
 
     def add(self, error: MessageError) -> None:
         """Count a message."""
-        before = self._by_kind.get(error.kind)
+        key = error.kind, error.camera
+        before = self._by_kind.get(key)
         if before is not None:
-            self._by_kind[error.kind] = replace(before, n=before.n + 1)
+            self._by_kind[key] = replace(before, n=before.n + 1)
             return
-        self._by_kind[error.kind] = Rejected(error.kind, 1, str(error))
+        self._by_kind[key] = Rejected(*key, 1, str(error))
         if self._tell is not None:
             self._tell(f"{self._source} refused ({error.kind}): {error}")
 
     def so_far(self) -> tuple[Rejected, ...]:
-        """By kind."""
+        """By kind and camera."""
         return tuple(self._by_kind.values())
 
     def in_words(self) -> str:

@@ -19,6 +19,7 @@ from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking.common_sightings import CommonSighting, CommonSightings
 from fgpose.live.tracking.motion_lags import EVERY_S, MotionLags
+from fgpose.live.tracking.nobody_followed import NobodyFollowed
 from fgpose.people_observations import Detections
 
 _LOG = logging.getLogger("fgpose.live")
@@ -54,6 +55,7 @@ class CameraAgreement:
         self._n_kept = 0
         self._work: list[_Work] = []
         self._lags = MotionLags(rig)
+        self._nobody_followed = NobodyFollowed(rig)
         self._newest_s = self._taken_s = self._looked_s = -np.inf
         self._parts: dict[tuple[int, ...], CameraRig] = {}
         self._said: Disagreement | None = None
@@ -64,8 +66,9 @@ class CameraAgreement:
         """By camera, in words; none where it agrees or nothing is known."""
 
     def add(self, images: Sequence[Detections], people: Sequence[Tracked]) -> None:
-        """The newest images, and who is in them. Nothing is computed."""
+        """The newest images, and who is in them. Hardly anything is computed."""
         self._sightings.add(images, people)
+        self._nobody_followed.add(images, people)
         self._newest_s = max([self._newest_s, *(image.time_s for image in images)])
 
     @property
@@ -82,10 +85,11 @@ class CameraAgreement:
         """
         self._taken_s = self._newest_s
         sighting = self._sightings.take(offsets_s, sigma_s)
+        if sighting is not None:
+            self._lags.add(sighting, sigma_s)
+        self._say()
         if sighting is None:
             return
-        self._lags.add(sighting, sigma_s)
-        self._say()
         if self._newest_s < self._looked_s + _EVERY_S:
             return
         self._looked_s, sighting = self._newest_s, sighting.of_known_clocks
@@ -165,7 +169,7 @@ class CameraAgreement:
         return dict.fromkeys(involved, f"{reason}: was one moved? {_REMEDY} [{Code.DISAGREEING_CAMERA}]")
 
     def _say(self) -> None:
-        faults = self._lags.faults | self._lasting
+        faults = self._nobody_followed.faults | self._lags.faults | self._lasting
         for name in faults.keys() - self.faults.keys():
             _LOG.warning("camera %s: doubtful: %s", name, faults[name])
         for name in self.faults.keys() - faults.keys():

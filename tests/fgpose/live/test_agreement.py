@@ -18,6 +18,7 @@ from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.live_tracking import LiveTracking
+from fgpose.live.tracking.nobody_followed import NobodyFollowed
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
@@ -169,6 +170,37 @@ def test_a_camera_so_far_off_that_the_tracker_does_not_follow_anybody_in_it() ->
     agreement = CameraAgreement(turned(walk.rig, 1, 10.0))
     assert look(agreement, walk, lost=("ring_1",)) < 40.0
     assert set(agreement.faults) == {"ring_1"}
+
+
+def test_cameras_in_which_nobody_is_found_who_is_before_them() -> None:
+    """As where two cameras are exchanged; over as soon as somebody is found."""
+    walk = scene()
+    exchanged = NobodyFollowed(walk.rig)
+    moments = [list(moment) for _, moment in itertools.groupby(shown(walk, {}), key=lambda pair: pair[0].time_s)]
+    noticed_s = np.inf
+    for moment in moments:
+        exchanged.add([image for image, _ in moment], tracked(walk, moment, ("ring_1", "ring_2")))
+        noticed_s = min(noticed_s, moment[0][0].time_s) if len(exchanged.faults) == 2 else noticed_s
+    assert noticed_s < 30.0
+    assert set(exchanged.faults) == {"ring_1", "ring_2"}
+    assert "nobody of those whom two others see" in exchanged.faults["ring_1"]
+    exchanged.add([image for image, _ in moments[-1]], tracked(walk, moments[-1], ("ring_2",)))
+    assert set(exchanged.faults) == {"ring_2"}
+
+
+def test_cameras_that_show_nobody_or_in_which_somebody_is_found_are_right() -> None:
+    walk = scene()
+    watched = NobodyFollowed(walk.rig)
+    for _, moment in itertools.groupby(shown(walk, {}), key=lambda pair: pair[0].time_s):
+        found = list(moment)
+        empty = [
+            replace(image, points2d_px=image.points2d_px[:0], confidence=image.confidence[:0])
+            if image.camera == "ring_1"
+            else image
+            for image, _ in found
+        ]
+        watched.add(empty, tracked(walk, found, ("ring_1",)))
+    assert watched.faults == {}
 
 
 def test_it_is_over_when_the_camera_is_back_and_not_before(caplog: pytest.LogCaptureFixture) -> None:
