@@ -167,6 +167,7 @@ _OF_GEOMETRY = frozenset(
         Code.IMPOSSIBLE_TURN,
         Code.NOT_CONVERGED,
         Code.UNDETERMINED,
+        Code.BLIND_CAMERA,
     }
 )
 _OF_ONE_CAMERA = frozenset(

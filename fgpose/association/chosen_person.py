@@ -200,18 +200,23 @@ def associate_or_each_camera(people: PeopleObservations, rig: CameraRig) -> Asso
 
 def each_camera_alone(people: PeopleObservations, rig: CameraRig) -> Association:
     """Those whom each camera follows for itself: the first person is the one whom each of them sees most, and so on."""
-    frames = people.frames
     together: list[Seen] = []
-    for c, name in enumerate(rig.names):
-        if not (frames.image[:, c] != NO_IMAGE).any():
-            continue
-        own = replace(people.subset([name]), given_frames=MatchedFrames(frames.frame_time_s, frames.image[:, [c]]))
-        for number, seen in enumerate(associate(own, rig).people.values()):
+    for c in range(rig.n_cameras):
+        for number, alone in enumerate(of_camera_alone(people, rig, c)):
             if number == len(together):
-                together.append(Seen.nothing(len(frames.image), rig.n_cameras, people.skeleton.n_joints))
-            alone = seen.in_frames(len(frames.image))
+                together.append(Seen.nothing(len(people.frames.image), rig.n_cameras, people.skeleton.n_joints))
             together[number].detection[:, c], together[number].joint[:, c] = alone.detection[:, 0], alone.joint[:, 0]
     return Association(people, rig, dict(enumerate(together)), ())
+
+
+def of_camera_alone(people: PeopleObservations, rig: CameraRig, camera: int) -> list[Seen]:
+    """Those whom one camera follows for itself, in all frames, in its images alone: the one whom it sees most first."""
+    frames = people.frames
+    if not (frames.image[:, camera] != NO_IMAGE).any():
+        return []
+    own_frames = MatchedFrames(frames.frame_time_s, frames.image[:, [camera]])
+    own = replace(people.subset([rig.names[camera]]), given_frames=own_frames)
+    return [seen.in_frames(len(frames.image)) for seen in associate(own, rig).people.values()]
 
 
 def _in_region(association: Association, region: PersonRegion) -> Chosen:

@@ -45,6 +45,7 @@ from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.diagnosis.seen.things import Things
 from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, other_bones, outside
 from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
+from fgpose.diagnosis.unfollowed import causes_of_unfollowed
 from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
@@ -58,7 +59,7 @@ InputCheck = Callable[[Examined], list[Finding]]
 
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
-    "calibration": (off_centre, disagreements),
+    "calibration": (off_centre, disagreements, causes_of_unfollowed),
     "frame rate": (unusual_steps, slow_motion, sorted_as_text),
     "clocks and poses over time": (moved_and_late_cameras,),
     "lenses": (lenses_that_show,),

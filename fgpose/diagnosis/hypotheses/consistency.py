@@ -27,6 +27,8 @@ NEAR_M = 0.12
 SPREAD_M, _MOST_TIMES = 0.45, 2.5
 _LEAST_SIN = np.sin(np.deg2rad(2.0))  # between two rays that propose a place
 _MAX_PAIRS = 28
+# Of the joints that two cameras see, so many are seen by a third: else few moments would speak for all.
+_BY_THREE = 0.1
 # Of real detectors seen by two cameras, where errors along the epipolar lines go unnoticed: see unsteadiness.
 STEADY = 0.25
 
@@ -44,9 +46,12 @@ class Consistency:
 
     @cached_property
     def judged(self) -> Bool[np.ndarray, "frame joint camera"]:
-        """Detections of joints that others see too: three cameras in all, of a pair both."""
+        """Detections of joints that others see too: three cameras in all; of two both, where more hardly ever see the
+        same."""
         seen = ~np.isnan(self.distance_m)
-        return np.asarray(seen & (seen.sum(axis=-1, keepdims=True) >= min(3, seen.shape[-1])))
+        n_views = seen.sum(axis=-1, keepdims=True)
+        by_three, by_two = np.asarray(n_views >= 3), np.asarray(n_views >= 2)
+        return np.asarray(seen & (by_three if by_three.sum() > _BY_THREE * by_two.sum() else by_two))
 
     @cached_property
     def cost(self) -> float:
