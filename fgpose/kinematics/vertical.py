@@ -31,6 +31,8 @@ _SCATTER_DEG, _LEAST_SHARE = 45.0, 0.6
 # Lean of a walker: 3 degrees (calibration/from_people/world/vertical.py); cameras on tripods are level to one or two.
 # An axis is told from a tilt at the first where cameras take part, at the second where bodies alone do.
 _LEVEL_DEG, _LEAN_DEG, _UNNOTICED_LEAN_DEG = 5.0, 20.0, 15.0
+# Twice by how much cameras on tripods are off.
+_DOUBTED_DEG = 8.0
 # Bodies and cameras mean the same tilt where they differ by less than this share of it.
 _SAME_TILT = 0.6
 _LEAN_SIGMA = np.deg2rad(3.0)
@@ -45,6 +47,8 @@ class FoundUp:
     world_up: WorldUp
     remark: str = ""
     """Where it is not as usual, or may not be: why, and what to do. A sentence without its end."""
+    is_doubtful: bool = False
+    """Whether cameras contradict it."""
 
 
 def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: UpAxis = "+z") -> FoundUp:
@@ -55,9 +59,18 @@ def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: U
         rig: the cameras in the same world, if they are known.
         usual: the axis that is up where nothing speaks against it.
     """
-    body, level, coarse = body_up(people), None, None
-    if rig is not None:
-        level, coarse = _level_up(rig), _coarse_up(rig)
+    level = None if rig is None else _level_up(rig)
+    body = body_up(people)
+    found = _found(body, rig, level, usual)
+    if body is None or level is None or rig is None or rig.n_cameras < 3:
+        return found
+    return _doubted(found, body, level)
+
+
+def _found(
+    body: Float[np.ndarray, " 3"] | None, rig: CameraRig | None, level: Float[np.ndarray, " 3"] | None, usual: UpAxis
+) -> FoundUp:
+    coarse = None if rig is None else _coarse_up(rig)
     expected = up_vector(usual)
     if body is None:
         surround = coarse if rig is not None and _surround(rig) else None
@@ -71,6 +84,20 @@ def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: U
     if cameras_up is not None and _angle_deg(cameras_up, body) < _angle_deg(cameras_up, expected) - _LEAN_DEG:
         return _agreed(body, cameras_up, usual)
     return _by_body_alone(body, off_deg, usual)
+
+
+def _doubted(found: FoundUp, body: Float[np.ndarray, " 3"], level: Float[np.ndarray, " 3"]) -> FoundUp:
+    """Three cameras or more that are level to another vertical than the one that is taken, around a body that is not
+    upright along it: of cameras that are not level it would be a coincidence."""
+    up = up_vector(found.world_up)
+    away_deg = _angle_deg(level, up)
+    if not _DOUBTED_DEG < away_deg < _SCATTER_DEG or _angle_deg(body, up) < _LEVEL_DEG:
+        return found
+    remark = (
+        f"all cameras stand level to a vertical that is {away_deg:.0f} degrees from the one that is taken to be up, "
+        "and the body leans: if they are level, angles to the vertical, heights and TRC are off by as much"
+    )
+    return FoundUp(found.world_up, f"{found.remark}; {remark}" if found.remark else remark, is_doubtful=True)
 
 
 def body_up(people: Iterable[Trajectory]) -> Float[np.ndarray, " 3"] | None:

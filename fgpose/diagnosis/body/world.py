@@ -150,7 +150,8 @@ def wrong_up(examined: Examined) -> list[Finding]:
             "TRC, C3D, BVH, .mot, angles and reports have it up; positions in parquet, npz and Python stay in the "
             "calibration's world. If it is another, give --world-up."
         )
-        return [Finding(Code.WORLD_UP, Severity.NOTE, found.remark, remedy, 0.3)]
+        severity = Severity.DOUBTFUL if found.is_doubtful else Severity.NOTE
+        return [Finding(Code.WORLD_UP, severity, found.remark, remedy, 0.3)]
     away = np.clip(up_vector(found.world_up) @ up_vector(examined.world_up), -1, 1)
     angle_deg = float(np.rad2deg(np.arccos(away)))
     numbers, given = {"angle_deg": angle_deg}, f"--world-up {examined.world_up} was given, but "

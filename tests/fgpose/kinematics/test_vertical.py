@@ -44,6 +44,19 @@ def test_the_axis_that_a_walker_stands_along_is_found_and_said(walk: Trajectory,
         assert bool(found.remark) == (axis != usual)
 
 
+def test_a_tilt_that_cameras_alone_tell_is_doubted(walk: Trajectory) -> None:
+    """As of a boxer, who leans by as much as the world is tilted: it is not turned level, but said."""
+    tilted = Rotation.from_euler("x", 16.0, degrees=True).as_matrix()
+    leaning = walk.turned(Rotation.from_euler("y", 8.0, degrees=True).as_matrix())
+    found = find_up([leaning], ring_rig().turned(tilted))
+    assert (found.world_up, found.is_doubtful) == ("+z", True)
+    assert "all cameras stand level to a vertical that is 16 degrees" in found.remark
+    level = find_up([leaning], ring_rig())
+    assert (level.remark, level.is_doubtful) == ("", False)
+    two = ring_rig().turned(tilted).subset(ring_rig().names[:2])
+    assert not find_up([leaning], two).is_doubtful  # two are level to some vertical always
+
+
 @pytest.mark.parametrize("pitch_deg", [10.0, 20.0, 35.0])
 def test_the_world_of_a_camera_that_looks_down_is_levelled(walk: Trajectory, pitch_deg: float) -> None:
     """Its y is down but for the pitch; body and cameras tell it to 3 degrees, which is what the remark says."""
