@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,7 +72,8 @@ def save_kinematics(
         world_up: what is up in the trajectories' world; auto: as the bodies stand, see find_up.
 
     Warns:
-        UserWarning: auto found another axis up than z, or is in doubt.
+        UserWarning: auto found another axis up than z, or is in doubt; or some of several people, who have no body to
+            be written, are left out.
 
     Returns:
         The files. Each appears whole or not at all.
@@ -94,10 +96,18 @@ def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> t
     if path.suffix.lower() in _TABLES:
         _write_table(people, path, world_up)
         return (path,)
-    paths = own_paths(path, people)
-    for own_path, trajectory in zip(paths, people.values(), strict=True):
-        _write_one(trajectory, own_path, world_up)
-    return paths
+    written, without = [], []
+    for own_path, trajectory in zip(own_paths(path, people), people.values(), strict=True):
+        try:
+            _write_one(trajectory, own_path, world_up)
+            written.append(own_path)
+        except ValueError as error:
+            without.append(error)
+    if not written:
+        raise without[0]
+    for error in without:
+        warnings.warn(f"{error}; left out", stacklevel=4)  # past _write, naming and save_kinematics
+    return tuple(written)
 
 
 def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp) -> None:

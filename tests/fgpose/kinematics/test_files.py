@@ -211,6 +211,13 @@ def test_people_have_files_of_their_own(walk: Trajectory, tmp_path: Path) -> Non
         save_kinematics({}, tmp_path / "nobody.mot")
 
 
+def test_who_has_no_body_is_left_out_beside_others(walk: Trajectory, tmp_path: Path) -> None:
+    nobody = replace(walk, positions_m=np.full_like(walk.positions_m, np.nan))
+    with pytest.warns(UserWarning, match=r"two_person4.bvh: hips and shoulders are known in no frame.*; left out"):
+        written = save_kinematics({1: walk, 4: nobody}, tmp_path / "two.bvh", "z")
+    assert [path.name for path in written] == ["two_person1.bvh"]
+
+
 def test_an_extension_is_refused_before_any_work(walk: Trajectory, tmp_path: Path) -> None:
     with pytest.raises(
         ValueError, match=r"walk\.xlsx: kinematics are written as \.parquet, \.csv, \.mot, \.bvh, \.c3d"
