@@ -202,7 +202,7 @@ def _diagnosed(examined: Examined) -> Diagnosis:
     placeholders = Placeholders.among(examined)
     found, examined = placeholders.findings(examined), placeholders.as_missing(examined)
     things = Things.among(examined)
-    found, examined = found + things.findings(examined), things.as_missing(examined)
+    found, examined = [*found, *things.findings(examined)], things.as_missing(examined)
     not_judged: dict[str, str] = {}
     for what, checks in INPUT_CHECKS.items():
         for check in checks:

@@ -43,7 +43,7 @@ _LIMBS = tuple(
 _PARTS = (*_LIMBS, *_ACROSS)
 # Of parts that are long: errors of joints are small shares of them.
 _LONG = (*_LIMBS, _ACROSS[0])
-_LEGS = tuple(part for part in _LIMBS if "knee" in f"{part.start} {part.end}")
+_LEGS = _LIMBS[4:]
 _FEWEST_PARTS = 3
 _LEAST_FRAMES = 5
 

@@ -56,9 +56,10 @@ def _ratio(points_px: Float[np.ndarray, "frame joint 2"], by_number: Int[np.ndar
     adjacent = np.diff(by_number) == 1
     follows[by_number[:-1][adjacent]] = True
     given_px, by_number_px = (each[np.isfinite(each)] for each in (given_px[~follows], by_number_px[~adjacent]))
-    if min(len(given_px), len(by_number_px)) < _FEWEST:
+    # Of an image that stands still, joints move by nothing.
+    if min(len(given_px), len(by_number_px)) < _FEWEST or not np.median(by_number_px) > 0:
         return 0.0
-    return float(np.median(given_px) / max(np.median(by_number_px), 1e-9))
+    return float(np.median(given_px) / np.median(by_number_px))
 
 
 def _steps_px(points_px: Float[np.ndarray, "frame joint 2"]) -> Float[np.ndarray, " step"]:

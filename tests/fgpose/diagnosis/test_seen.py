@@ -313,6 +313,12 @@ def test_a_robot_that_is_taken_for_the_person(rig) -> None:
     assert (things.as_missing(examined).main.seen[:, 1].any(axis=1) == ~of_robot).all()
 
 
+def test_an_image_that_stands_still_is_in_order(seen, rig) -> None:
+    points_px = seen.points2d_px.copy()
+    points_px[50:] = points_px[50]
+    assert sorted_as_text(Examined.of(with_points(seen, points_px), rig)) == []
+
+
 def test_images_that_stand_still_and_clocks_that_differ_are_no_things(rig) -> None:
     """One camera shows somebody walk when two show somebody stand; or its images are the same."""
     stands_m = np.concatenate([np.repeat(walking(1, 30.0), 75, axis=0), walking(75, 30.0)])
