@@ -36,8 +36,9 @@ _DECISIVE = 3.0
 _MAX_ALIKE = 0.6
 # One other moment is no repetition, unless it is the next stride, which even a slow walker makes within this time.
 _REPEATED, _STRIDE_S = 2, 1.4
-# All pairs see the same motion: where most of so many see it repeat itself, it does for the others.
-_FEWEST_PAIRS = 3
+# All pairs see the same motion: where nearly all of so many see it repeat itself, it does for the others. Of a motion
+# that does not, some pairs see too little.
+_FEWEST_PAIRS, _NEARLY_ALL = 5, 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +136,9 @@ class _Proposed:
 
 
 def _repeated_s(pairs: Sequence[Joined]) -> float | None:
-    """After which time the motion repeats itself, as most pairs of cameras see it; None: it does not."""
+    """After which time the motion repeats itself, as nearly all pairs of cameras see it; None: it does not."""
     strides_s = [min(abs(each - pair.best_s) for each in pair.alike_s) for pair in pairs if pair.alike_s]
-    if len(pairs) < _FEWEST_PAIRS or len(strides_s) <= len(pairs) / 2:
+    if len(pairs) < _FEWEST_PAIRS or len(strides_s) < _NEARLY_ALL * len(pairs):
         return None
     return float(np.median(strides_s))
 
