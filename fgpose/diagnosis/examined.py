@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -91,8 +91,17 @@ class Examined:
 
     @cached_property
     def main(self) -> Observations:
-        """Of the person who is seen most."""
-        return max(self.people.values(), key=lambda seen: int(seen.seen.sum()))
+        """Of the main person."""
+        return self.people[self.main_person]
+
+    @cached_property
+    def main_person(self) -> int:
+        """Who is seen most."""
+        return max(self.people, key=lambda person: int(self.people[person].seen.sum()))
+
+    def in_words(self, cameras: Sequence[str]) -> str:
+        """These cameras, at least one."""
+        return "all cameras" if len(cameras) == self.rig.n_cameras else ", ".join(cameras)
 
     @cached_property
     def info(self) -> RecordingInfo:

@@ -27,7 +27,7 @@ def causes_of_unfollowed(examined: Examined) -> list[Finding]:
     if not cameras:
         return []
     association, n_frames = examined.association, len(examined.association.frames.image)
-    main = max(examined.people, key=lambda person: int(examined.people[person].seen.sum()))
+    main = examined.main_person
     seen = association.people[main].in_frames(n_frames)
     for camera in cameras:
         for alone in of_camera_alone(association.observations, examined.rig, camera)[:1]:

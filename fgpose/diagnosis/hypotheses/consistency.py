@@ -56,18 +56,13 @@ class Consistency:
     @cached_property
     def cost(self) -> float:
         """Mean of the squared distances, in units of NEAR_M and no more than 1 each; NaN if nothing can be judged."""
-        return self.cost_of_all()
+        return self.cost_if_larger(1.0)
 
-    def cost_of_all(self, times: float = 1.0) -> float:
+    def cost_if_larger(self, times: float) -> float:
         """The same if distances are so many times as large."""
-        return self.cost_of(np.ones(self.distance_m.shape[:2], dtype=bool), times)
-
-    def cost_of(self, joints: Bool[np.ndarray, "frame joint"], times: float = 1.0) -> float:
-        """The same of some joints, if distances are so many times as large."""
-        judged = self.judged & joints[..., None]
-        if not judged.any():
+        if not self.judged.any():
             return np.nan
-        return float(np.mean(np.minimum((times * self.distance_m[judged] / NEAR_M) ** 2, 1.0)))
+        return float(np.mean(np.minimum((times * self.distance_m[self.judged] / NEAR_M) ** 2, 1.0)))
 
     @cached_property
     def costs(self) -> Float[np.ndarray, " camera"]:

@@ -67,7 +67,7 @@ class SearchState:
         """Of the rays, on a body that is as large as the given one, and of the limbs: two cameras agree on much that is
         no body."""
         unsteady = min(self.unsteadiness, 1.0) if np.isfinite(self.unsteadiness) else float(self.scene.shows_limbs)
-        rays = self.consistency.cost_of_all(self.scene.shrunk)
+        rays = self.consistency.cost_if_larger(self.scene.shrunk)
         return (rays if np.isfinite(rays) else 1.0) + 0.5 * max(unsteady - STEADY / 2, 0.0)
 
     @cached_property

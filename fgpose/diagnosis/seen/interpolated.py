@@ -34,7 +34,7 @@ def interpolated_keypoints(examined: Examined) -> list[Finding]:
     longest_s, from_s = longest * usual_step_s(seen.frame_time_s), float(seen.frame_time_s[-first])
     share = float(counts[found].sum() / seen.seen[:, found].sum())
     cameras = [seen.camera_names[c] for c in found]
-    where = "all cameras" if len(cameras) == seen.n_cameras else ", ".join(cameras)
+    where = examined.in_words(cameras)
     return [
         Finding(
             Code.INTERPOLATED_KEYPOINTS,

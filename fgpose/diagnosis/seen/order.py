@@ -25,7 +25,7 @@ def sorted_as_text(examined: Examined) -> list[Finding]:
     if not len(found):
         return []
     cameras = [seen.camera_names[c] for c in found]
-    where = "all cameras" if len(cameras) == seen.n_cameras else ", ".join(cameras)
+    where = examined.in_words(cameras)
     return [
         Finding(
             Code.FRAME_ORDER,

@@ -97,7 +97,7 @@ def _finding(
         in_words_by_part(skeleton, joints) if len(joints) <= _LISTED else f"{len(joints)} of the {len(names)} joints"
     )
     cameras = [name for name, own in zip(examined.rig.names, shares, strict=True) if own.any()]
-    where = "all cameras" if len(cameras) == examined.rig.n_cameras else ", ".join(cameras)
+    where = examined.in_words(cameras)
     is_zero = place == (0.0, 0.0)
     return Finding(
         Code.ZERO_KEYPOINTS if is_zero else Code.PLACEHOLDER_KEYPOINTS,

@@ -84,9 +84,13 @@ def _moved(seconds_px: Float[np.ndarray, "second frame camera joint 2"]) -> Floa
         warnings.simplefilter("ignore", RuntimeWarning)  # of joints that are not seen
         deviation_px = np.linalg.norm(np.nanstd(seconds_px, axis=1), axis=-1)
         middle_px = np.where(known[..., None], np.nanmean(seconds_px, axis=1), np.nan)
-        extent_px = np.linalg.norm(np.nanmax(middle_px, axis=-2) - np.nanmin(middle_px, axis=-2), axis=-1)
-        moved = np.nanmedian(np.where(known, deviation_px, np.nan), axis=-1) / extent_px
+        moved = np.nanmedian(np.where(known, deviation_px, np.nan), axis=-1) / _extent_px(middle_px)
     return np.where(known.sum(axis=-1) >= _FEWEST_JOINTS, moved, np.nan)
+
+
+def _extent_px(places_px: Float[np.ndarray, "*images joint 2"]) -> Float[np.ndarray, "*images"]:
+    """Diagonal of what holds all joints."""
+    return np.asarray(np.linalg.norm(np.nanmax(places_px, axis=-2) - np.nanmin(places_px, axis=-2), axis=-1))
 
 
 def _stays(seconds_px: Float[np.ndarray, "second frame joint 2"]) -> bool:
@@ -100,8 +104,7 @@ def _at_its_place(points_px: Float[np.ndarray, "frame joint 2"], known: slice) -
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of joints that are not seen
         place_px = np.nanmean(points_px[known], axis=0)
-        extent_px = np.linalg.norm(np.nanmax(place_px, axis=0) - np.nanmin(place_px, axis=0))
-        away = np.nanmedian(np.linalg.norm(points_px - place_px, axis=-1), axis=-1) / extent_px
+        away = np.nanmedian(np.linalg.norm(points_px - place_px, axis=-1), axis=-1) / _extent_px(place_px)
     return np.asarray(away < 2 * _STILL)
 
 
