@@ -67,7 +67,7 @@ class NobodyFollowed:
         camera = self._rig.cameras[self._rig.names.index(image.camera)]
         size_px = np.array(camera.size_px)
         for person in people:
-            px = camera.project(person.estimate.positions_m)
+            px = camera.distort(camera.project(person.estimate.positions_m))
             within = ((px > _MARGIN * size_px) & (px < (1 - _MARGIN) * size_px)).all(axis=-1)
             if person.state is TrackState.CONFIRMED and within.mean() > _BEFORE_IT:
                 return True
