@@ -28,12 +28,12 @@ class Estimates:
         self, n_cameras: int, skeleton: Skeleton, config: Config, lengths: RunningLengths, late_s: float
     ) -> None:
         self._skeleton, self._config, self._lengths, self._late_s = skeleton, config.online, lengths, late_s
-        self._covariances = OnlineCovariances(n_cameras, skeleton.n_joints, config)
+        self._covariances = OnlineCovariances(n_cameras, skeleton, config)
 
-    def learn(self, oldest: FrameState, information: Float[np.ndarray, " joint"], rig: CameraRig) -> None:
-        """Take a frame that is one lag old, with the information of its detections."""
+    def learn(self, oldest: FrameState, rig: CameraRig) -> None:
+        """Take a frame that is one lag old."""
         if self._config.covariance:
-            self._covariances.learn(oldest, information, rig)
+            self._covariances.learn(oldest, rig)
 
     def newest(self, window: Window, rig: CameraRig) -> Estimate:
         """Of the newest frame, and of the newest one that is at least one lag old."""

@@ -12,8 +12,9 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.covariances.few_view_errors import widened
 from fgpose.estimation.covariances.filter_response import FilterResponse, filter_responses, index_of_gain
+from fgpose.estimation.covariances.joints_alone import Directions, InGraph
 from fgpose.estimation.covariances.roughness import NewestPose, RunningRoughness
-from fgpose.estimation.covariances.running_errors import RunningErrors
+from fgpose.estimation.covariances.running_errors import RunningErrors, information_by_axis, whitened
 from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR, distrust_factor_online, with_swing
 from fgpose.estimation.covariances.variance_components import LONGEST_STEP_S, TIMES_S
 from fgpose.estimation.factors.projection import detection_information
@@ -30,22 +31,25 @@ _ERRORS_EVERY_S = 0.03  # errors are correlated over 0.15 s and more: frames bet
 class OnlineCovariances:
     """Of the frames of one estimator, with what it has learned of errors and motion so far."""
 
-    def __init__(self, n_cameras: int, n_joints: int, config: Config) -> None:
-        self.errors, self.roughness = RunningErrors(n_cameras, n_joints), RunningRoughness()
-        self._config, self._information = config, np.zeros(n_joints)
+    def __init__(self, n_cameras: int, skeleton: Skeleton, config: Config) -> None:
+        self.errors, self.roughness = RunningErrors(n_cameras, skeleton.joints), RunningRoughness()
+        self._config, self._information = config, np.zeros((skeleton.n_joints, 2, 3, 3))
         self._unlearned_s = 0.0
 
-    def learn(self, oldest: FrameState, information: Float[np.ndarray, " joint"], rig: CameraRig) -> None:
-        """From a frame that is one lag old, with the information of its detections."""
+    def learn(self, oldest: FrameState, rig: CameraRig) -> None:
+        """From a frame that is one lag old."""
         evidence, positions_m = oldest.evidence, oldest.positions_m
         self._unlearned_s = self._unlearned_s + oldest.step_s if np.isfinite(oldest.step_s) else 0.0
         if self._unlearned_s >= _ERRORS_EVERY_S:
-            self.errors.add(evidence, positions_m, self._unlearned_s, rig)
+            views = whitened(evidence, positions_m, rig)
+            self.errors.add(evidence, positions_m, views, self._unlearned_s, rig)
+            by_axis = information_by_axis(views[1])[0]
+            # A joint that was seen until now is filtered as if it still were.
+            seen = by_axis.any(axis=(1, 2, 3))[:, None, None, None]
+            keep = np.where(seen, np.exp(-self._unlearned_s / NEARBY_S), 1.0)
+            self._information = keep * self._information + (1 - keep) * by_axis
             self._unlearned_s = 0.0
         self.roughness.compare(oldest.at.frame, positions_m, evidence.observed[0] & oldest.active, oldest.step_s)
-        # A joint that was seen until now is filtered as if it still were.
-        keep = np.where(information > 0, np.exp(-oldest.step_s / NEARBY_S), 1.0)
-        self._information = keep * self._information + (1 - keep) * information
 
     def of_newest_m2(
         self,
@@ -64,15 +68,15 @@ class OnlineCovariances:
             step_s: usual time from frame to frame.
             rig: the cameras.
         """
-        newest, _, difference = self._responses(state, linear_m2, step_s, rig)
-        newest = newest.beyond(self._excess(state, linear_m2, newest))
-        of_joint_m2, noise_m2, motion_m2 = np.full((3, len(state.active)), np.nan)
-        of_joint_m2[state.joints] = np.trace(linear_m2, axis1=-2, axis2=-1)
-        noise_m2[state.joints], motion_m2[state.joints] = self._noise(state, difference), difference.motion
+        linear_m2 = surely_positive(linear_m2)
+        directions, newest, _, difference = self._responses(state, linear_m2, step_s, rig)
+        in_graph = InGraph.of(directions, newest.steady, linear_m2)
+        noise_m2, motion_m2 = np.full((2, len(state.active)), np.nan)
+        noise_m2[state.joints] = np.trace(self._noise_m2(state, in_graph, difference), axis1=-2, axis2=-1)
+        motion_m2[state.joints] = np.trace(in_graph.motion_m2(difference), axis1=-2, axis2=-1)
         noise_m2[~state.evidence.observed[0]] = np.nan
-        pose = NewestPose(state.positions_m, of_joint_m2 * noise_m2, of_joint_m2 * motion_m2)
-        self.roughness.note(state.at.frame, pose)
-        return self._covariance_m2(state, linear_m2, newest, unseen_s, rig)
+        self.roughness.note(state.at.frame, NewestPose(state.positions_m, noise_m2, motion_m2))
+        return self._covariance_m2(state, linear_m2, in_graph, newest, unseen_s, rig)
 
     def of_lagged_m2(
         self,
@@ -83,45 +87,52 @@ class OnlineCovariances:
         rig: CameraRig,
     ) -> Float[np.ndarray, "joint 3 3"]:
         """The same of a frame of which the next ones are known."""
-        _, smoothed, _ = self._responses(state, linear_m2, step_s, rig)
-        smoothed = smoothed.beyond(self._excess(state, linear_m2, smoothed))
-        return self._covariance_m2(state, linear_m2, smoothed, unseen_s, rig)
+        linear_m2 = surely_positive(linear_m2)
+        directions, _, smoothed, _ = self._responses(state, linear_m2, step_s, rig)
+        in_graph = InGraph.of(directions, smoothed.steady, linear_m2)
+        return self._covariance_m2(state, linear_m2, in_graph, smoothed, unseen_s, rig)
 
     def _responses(
         self, state: FrameState, linear_m2: Float[np.ndarray, "active_joint 3 3"], step_s: float, rig: CameraRig
-    ) -> tuple[FilterResponse, FilterResponse, FilterResponse]:
-        """Of the newest pose, the smoothed one and their difference; at first, when a frame alone tells more than in a
-        steady state, as if motion were that fast."""
+    ) -> tuple[Directions, FilterResponse, FilterResponse, FilterResponse]:
+        """Of the newest pose, the smoothed one and their difference, along each direction; at first, when a frame alone
+        tells more than in a steady state, as if motion were that fast."""
         step_s = float(np.clip(step_s, _LEAST_STEP_S, LONGEST_STEP_S))
         joints, model = state.joints, self._config.motion.model
+        of_frame, learned = _frame_information(state, rig, self._config), self._information[joints]
+        is_new = ~learned.any(axis=(1, 2, 3))
+        learned[is_new] = of_frame[is_new, None] / 2
+        directions = Directions.of(learned)
         added_m2 = state.process_density[joints] * step_s ** (3 if model == "constant_velocity" else 1)
-        index = np.sqrt(added_m2 * self._information[joints])
-        alone = np.trace(_frame_information(state, rig, self._config), axis1=-2, axis2=-1)
-        of_graph = np.trace(np.linalg.inv(surely_positive(linear_m2)), axis1=-2, axis2=-1)
-        index, shared = np.maximum(index, index_of_gain(alone / of_graph)), self._shared(state)
-        return filter_responses(index, step_s, TIMES_S, model, shared[joints])
+        of_graph = np.trace(np.linalg.inv(linear_m2), axis1=-2, axis2=-1)
+        gain = np.trace(of_frame, axis1=-2, axis2=-1) / of_graph
+        at_first_m2 = index_of_gain(gain) ** 2 / directions.information.mean(axis=-1)
+        index = np.sqrt(np.maximum(added_m2, at_first_m2)[:, None] * directions.information)
+        shared = np.broadcast_to(self._shared(state)[:, None], index.shape)
+        return directions, *filter_responses(index, step_s, TIMES_S, model, shared)
 
-    def _shared(self, state: FrameState) -> Float[np.ndarray, " joint"]:
+    def _shared(self, state: FrameState) -> Float[np.ndarray, " active_joint"]:
         """Correlation of the errors of each joint with those of its neighbours, on average."""
         neighbours = _neighbours(state.observations.skeleton)
-        return np.clip(np.sum(neighbours * self.errors.components.correlation, axis=1), 0.0, 1.0)
+        shared = np.sum(neighbours * self.errors.components.correlation, axis=1)
+        return np.clip(shared, 0.0, 1.0)[state.joints]
 
-    def _excess(
-        self, state: FrameState, linear_m2: Float[np.ndarray, "active_joint 3 3"], response: FilterResponse
-    ) -> Float[np.ndarray, " active_joint"]:
-        """How many times the variance of each joint is what it is in a steady state."""
-        steady = self._information[state.joints] / (3 * response.steady)
-        return np.fmax(np.trace(linear_m2, axis1=-2, axis2=-1) * steady, 1.0)
-
-    def _noise(self, state: FrameState, response: FilterResponse) -> Float[np.ndarray, " active_joint"]:
-        variances = self.errors.components.variances[state.joints].copy()
+    def _noise_m2(
+        self, state: FrameState, in_graph: InGraph, response: FilterResponse
+    ) -> Float[np.ndarray, "active_joint 3 3"]:
+        components = self.errors.components
+        variances = components.variances[state.joints].copy()
         variances[:, -1] *= state.evidence.bias_share[0, state.joints]
-        return np.sum(response.noise * variances, axis=1)
+        noise = np.einsum("jkc,jc->jk", response.noise, variances)
+        # Where one camera alone sees a joint, bones do more than to average its errors.
+        shared = self._shared(state) * state.evidence.observed[0, state.joints]
+        return in_graph.noise_m2(noise, components.axes[state.joints], shared)
 
     def _covariance_m2(
         self,
         state: FrameState,
         linear_m2: Float[np.ndarray, "active_joint 3 3"],
+        in_graph: InGraph,
         response: FilterResponse,
         unseen_s: Float[np.ndarray, " joint"],
         rig: CameraRig,
@@ -129,10 +140,11 @@ class OnlineCovariances:
         skeleton, evidence = state.observations.skeleton, state.evidence
         covariance_m2 = np.full((skeleton.n_joints, 3, 3), np.nan)
         if state.joints:
-            factor = self._noise(state, response) + self.roughness.value * response.motion
+            of_motion_m2 = in_graph.motion_m2(response) + in_graph.excess_m2
+            found_m2 = self._noise_m2(state, in_graph, response) + self.roughness.value * of_motion_m2
+            found_m2 += LEAST_FACTOR * linear_m2
             distrust = distrust_factor_online(_probable_weight(state), state.gathered.total_weight[0])[state.joints]
-            factor = distrust * np.maximum(factor, LEAST_FACTOR)
-            covariance_m2[state.joints] = factor[:, None, None] * surely_positive(linear_m2)
+            covariance_m2[state.joints] = distrust[:, None, None] * found_m2
             covariance_m2 += self.errors.of_cameras_m2(evidence, state.positions_m, rig)
         covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]
         lasting = self.errors.components.lasting

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +17,7 @@ from fgpose.estimation.covariances.detection_errors import (
     accepted,
     lags_of,
     products_later,
+    products_of_axes,
     products_of_others,
     share_of_visible,
 )
@@ -41,25 +43,32 @@ class RunningErrors:
     moments_m2: Float[np.ndarray, "camera 6 6"]
     """Of the moves of the cameras, learned so far; see MoveSums."""
 
-    def __init__(self, n_cameras: int, n_joints: int) -> None:
+    def __init__(self, n_cameras: int, joints: Sequence[str]) -> None:
         importlib.import_module("scipy.optimize")  # takes 0.2 s: the first fit would stop for it
-        self.components = ErrorComponents.usual(n_joints)
+        self._joints, n_joints = joints, len(joints)
+        self.components = ErrorComponents.usual(joints)
         self.moments_m2 = np.zeros((n_cameras, 6, 6))
-        self._n_joints = n_joints
         self._parities: deque[Parity] = deque()
         self._lags = np.zeros(1, dtype=int)
         self._sums = np.zeros((0, 2, 2, n_joints))  # by lag; of accepted detections and of all; products, dimensions
         self._others = np.zeros((2, n_joints, n_joints))  # products, dimensions
+        self._axes = np.zeros((2, n_joints, 2, 3))  # of accepted detections and of all; by axis products and dimensions
         self._moves = MoveSums(np.zeros((n_cameras, 6, 6)), np.zeros((n_cameras, 6)))
         self._moved = self._moves.most_likely()
         self._n_frames, self._step_s, self._since_s, self._since_others_s = 0.0, 0.0, 0.0, np.inf
         self._within, self._around = 0.0, 0.0
 
-    def add(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], step_s: float, rig: CameraRig) -> None:
-        """Take the next frame, so long after the one before, with the weights of its detections in the graph."""
-        if not np.isfinite(step_s):
-            return
-        residual, jacobian = _whitened(evidence, positions_m, rig)
+    def add(
+        self,
+        evidence: Evidence,
+        positions_m: Float[np.ndarray, "joint 3"],
+        views: tuple[Float[np.ndarray, "1 camera joint 2"], Float[np.ndarray, "1 camera joint 2 3"]],
+        step_s: float,
+        rig: CameraRig,
+    ) -> None:
+        """Take the next frame, so long after the one before, with the weights of its detections in the graph, and what
+        they are whitened."""
+        residual, jacobian = views
         self._since_others_s += step_s
         tells_others = self._since_others_s >= _OTHERS_EVERY_S
         if tells_others:
@@ -78,6 +87,8 @@ class RunningErrors:
         if tells_others:
             memory = float(np.exp(-self._since_others_s / MEMORY_S))
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
+            by_axis = (products_of_axes(parity) for parity in telling.parities)
+            self._axes = memory * self._axes + [np.dstack([products, dims]) for products, dims in by_axis]
             self._since_others_s = 0.0
         self._since_s += step_s
         if self._since_s >= min(_EVERY_S, _OF_ALL * self._n_frames * self._step_s):
@@ -88,8 +99,8 @@ class RunningErrors:
     ) -> Float[np.ndarray, "joint 3 3"]:
         """Covariance of the joints of a frame because a camera may have moved."""
         if np.trace(self.moments_m2, axis1=-2, axis2=-1).max() < _LEAST_MOMENT_M2:
-            return np.zeros((self._n_joints, 3, 3))
-        _, jacobian = _whitened(evidence, positions_m, rig)
+            return np.zeros((len(self._joints), 3, 3))
+        _, jacobian = whitened(evidence, positions_m, rig)
         joints = JointMoves.of(jacobian, accepted(jacobian, evidence.weights), positions_m[None], rig)
         return evidence.bias_share[0, :, None, None] * joints.covariance_m2(self.moments_m2, slice(None))[0]
 
@@ -97,35 +108,41 @@ class RunningErrors:
         """Products with the frames before; the lags are by the step of the first."""
         if len(self._sums) == 0:
             self._lags = lags_of(MOST_FRAMES, max(self._step_s, 1.0 / MOST_FRAMES))
-            self._sums = np.zeros((len(self._lags), 2, 2, self._n_joints))
+            self._sums = np.zeros((len(self._lags), 2, 2, len(self._joints)))
         self._parities.appendleft(parity)
         there = self._lags < len(self._parities)
         earlier = Parity.joined([self._parities[lag] for lag in self._lags[there].tolist()])
         newest = Parity.joined([parity] * int(there.sum()))
-        products = np.stack(products_later(earlier, newest), axis=1).reshape(-1, 2, 2, self._n_joints)
+        products = np.stack(products_later(earlier, newest), axis=1).reshape(-1, 2, 2, len(self._joints))
         self._sums = keep * self._sums
         # By lag and kind of detections, then products and dimensions.
-        self._sums[there] += products.reshape(-1, 2, 2, self._n_joints)
+        self._sums[there] += products.reshape(-1, 2, 2, len(self._joints))
         while len(self._parities) > self._lags[-1]:
             self._parities.pop()
 
     def _fit(self) -> None:
         share = share_of_visible(self._within, self._around)
         products, dimensions = np.moveaxis((1 - share) * self._sums[:, 0] + share * self._sums[:, 1], 1, 0)
-        # Nothing asks in which direction of the image a detection errs.
-        axes, axes_dimensions = np.zeros((products.shape[1], 2)), np.zeros((products.shape[1], 2, 2))
+        axes = (1 - share) * self._axes[0] + share * self._axes[1]
         found = ErrorProducts(
-            self._n_frames, products, dimensions, *self._others, axes=axes, axes_dimensions=axes_dimensions
+            self._n_frames, products, dimensions, *self._others, axes=axes[..., 0], axes_dimensions=axes[..., 1:]
         )
-        self.components = ErrorComponents.of(found, self._lags * self._step_s, self._step_s)
+        self.components = ErrorComponents.of(found, self._lags * self._step_s, self._step_s, self._joints)
         independent = self.components.independent(MOVE_MEMORY_S, self._step_s) * _OTHERS_EVERY_S / self._step_s
         self.moments_m2, self._since_s = self._moves.moments(independent), 0.0
 
 
-def _whitened(
+def whitened(
     evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
 ) -> tuple[Float[np.ndarray, "1 camera joint 2"], Float[np.ndarray, "1 camera joint 2 3"]]:
     """Residuals against the detections, biases included, and their Jacobians, in standard deviations."""
     residual_px, jacobian, seen = linearized_projection(evidence.measured_px, rig, positions_m[None])
     sigma_px = np.where(seen, evidence.detection_sigma_px, 1.0)[..., None]
     return residual_px / sigma_px, jacobian / sigma_px[..., None]
+
+
+def information_by_axis(
+    jacobian: Float[np.ndarray, "frame camera joint 2 3"],
+) -> Float[np.ndarray, "frame joint axis 3 3"]:
+    """Of the detections on each joint, 1/m^2, by axis of the image; from Jacobians in standard deviations."""
+    return np.einsum("tcjva,tcjvb->tjvab", jacobian, jacobian, optimize=True)

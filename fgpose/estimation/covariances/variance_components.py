@@ -54,11 +54,13 @@ class ErrorComponents:
     """Variance along the horizontal and the vertical axis of the images, in that of both."""
 
     @staticmethod
-    def usual(n_joints: int) -> ErrorComponents:
+    def usual(joints: Sequence[str]) -> ErrorComponents:
         """Before anything is known: correlated as usual, with the variance of the graph. The spread that it takes is
         learned from residuals, which are smaller online, where fewer frames contradict each other."""
-        usual = 1 / _usual().sum() * _usual()
-        return ErrorComponents(np.tile(usual, (n_joints, 1)), np.eye(n_joints), np.ones((n_joints, 2)))
+        usual, n_joints = 1 / _usual().sum() * _usual(), len(joints)
+        # As two cameras of one height know them.
+        axes = 1 + np.stack([2 * _usual_difference(joints), np.zeros(n_joints)], axis=1)
+        return ErrorComponents(np.tile(usual, (n_joints, 1)), np.eye(n_joints), axes)
 
     @staticmethod
     def white(n_joints: int) -> ErrorComponents:
@@ -90,7 +92,7 @@ class ErrorComponents:
         variances = total / (total - 2) * (share * own + (1 - share) * of_all)
         frames_as_one = max(products.later_dimensions[0].sum() / max(freedom.sum(), 1e-12), 1.0)
         correlation = _shrunk(products.correlation, products.others_dimensions / frames_as_one)
-        usual = np.array([_OF_HIPS * any(hip in name for hip in _HIPS) for name in joints] or [0.0] * len(ratio))
+        usual = _usual_difference(joints) if joints else np.zeros(len(ratio))
         return ErrorComponents(variances, correlation, _by_axis(products, freedom, usual))
 
     @property
@@ -113,6 +115,10 @@ class ErrorComponents:
 def correlation_after(time_s: float, lags_s: Float[np.ndarray, " lag"]) -> Float[np.ndarray, " lag"]:
     """Of the errors of a component after these times."""
     return np.ones(len(lags_s)) if np.isinf(time_s) else np.exp(-lags_s / max(time_s, 1e-9))
+
+
+def _usual_difference(joints: Sequence[str]) -> Float[np.ndarray, " joint"]:
+    return np.array([_OF_HIPS * any(hip in name for hip in _HIPS) for name in joints])
 
 
 def _usual() -> Float[np.ndarray, " component"]:

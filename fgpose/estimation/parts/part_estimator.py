@@ -266,7 +266,7 @@ class PartEstimator:
         """From a frame that is one lag old."""
         self._visibility.marginalise(oldest.as_gathered, oldest.positions_m, oldest.velocities_mps, self._rig)
         information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
-        self._estimates.learn(oldest, information, self._rig)
+        self._estimates.learn(oldest, self._rig)
         self._prediction.learn(oldest, information)
         if self.config.online.estimate_time_offsets and np.isfinite(oldest.step_s):
             self._learn_offsets(oldest)

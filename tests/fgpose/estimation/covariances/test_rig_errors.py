@@ -10,7 +10,15 @@ from scipy.stats import chi2
 
 import fgpose
 from fgpose.geometry.camera import CameraRig
-from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, real_errors, simulate
+from fgpose_benchmarks.synthetic import (
+    NO_OCCLUSION,
+    DetectionNoise,
+    Scene,
+    motion_from_npz,
+    real_errors,
+    ring_rig,
+    simulate,
+)
 from tests.conftest import MOCAP
 from tests.wrong_rigs import turned
 
@@ -79,3 +87,17 @@ def test_online_covariances_hold_the_errors_of_real_detectors(rig: CameraRig, sk
     found = online(scene(rig, skeleton, "blazepose_heavy", n_frames=75), rig)
     assert within(found, 0.9) > 0.68
     assert within(found, 0.99) > 0.85
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("apart", [1, 2])
+def test_online_covariances_of_two_cameras_hold_the_errors_of_real_detectors(
+    apart: int, skeleton: fgpose.Skeleton
+) -> None:
+    """They contradict each other vertically alone. From the second second on 86 and 95 % are within at 45 degrees, 88
+    and 97 % at 90; with one factor for all directions it was 76 and 92, 83 and 95 %."""
+    eight = ring_rig(8, 5.0, 2.5, (0.0, 0.0, 0.9), focal_px=900.0, size_px=(1600, 1200))
+    two = eight.subset([eight.names[0], eight.names[apart]])
+    found = online(scene(two, skeleton, "blazepose_heavy"), two)[25:]
+    assert within(found, 0.9) > 0.84
+    assert within(found, 0.99) > 0.94
