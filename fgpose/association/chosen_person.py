@@ -20,6 +20,9 @@ from fgpose.sampling import spread_evenly, usual_step_s
 _MIN_INSIDE = 0.5
 # Who is seen so much as the one who is seen most, may be the main person too. Of so many images their size is taken.
 _ABOUT_AS_MUCH, _SOME_IMAGES = 0.8, 200
+# In so many of its images a camera shows somebody, and in so few of these somebody who is followed. In a mirrored
+# image people may fit for a quarter of the time: while they are in its middle.
+_SHOWS, _SELDOM = 0.5, 0.5
 _REGION = re.compile(r"(?P<camera>.+):(?P<numbers>[^:]+)")
 
 
@@ -68,6 +71,8 @@ class Chosen:
     """How many were found."""
     reason: str = ""
     """Why this one; nothing where there is nobody else."""
+    with_unfollowed: Seen | None = None
+    """The same with whom cameras show in which nobody is followed, see with_unfollowed; None: no such camera."""
 
     def __str__(self) -> str:
         return f"one of {self.n_people} people: {self.reason}" if self.n_people > 1 else ""
@@ -171,7 +176,7 @@ def _by_rank(association: Association, rank: int) -> Chosen:
     order = ranked(association)
     seen = association.people[order[rank].person].in_frames(len(association.frames.image))
     reason = f"number {rank} of them" if rank else _reason(order, association.rig.n_cameras)
-    return Chosen(seen, n_people, reason)
+    return Chosen(seen, n_people, reason, with_unfollowed(association, seen))
 
 
 def _reason(order: Sequence[Candidate], n_cameras: int) -> str:
@@ -219,6 +224,37 @@ def of_camera_alone(people: PeopleObservations, rig: CameraRig, camera: int) -> 
     return [seen.in_frames(len(frames.image)) for seen in associate(own, rig).people.values()]
 
 
+def with_unfollowed(association: Association, person: Seen) -> Seen | None:
+    """Somebody, in all frames; in cameras in most of whose images nobody is followed although they show people, the one
+    whom each sees most: with a wrong calibration people do not fit. None where there is no such camera.
+
+    Args:
+        association: who is who.
+        person: one of them, in all frames.
+    """
+    cameras = unfollowed(association)
+    if not cameras:
+        return None
+    seen = Seen(person.first_frame, person.detection.copy(), person.joint.copy())
+    for camera in cameras:
+        for alone in of_camera_alone(association.observations, association.rig, camera)[:1]:
+            seen.detection[:, camera], seen.joint[:, camera] = alone.detection[:, 0], alone.joint[:, 0]
+    return seen
+
+
+def unfollowed(association: Association) -> list[int]:
+    """Numbers of the cameras in most of whose images nobody is followed, although they show people."""
+    observations, image = association.observations, association.frames.image
+    n_frames, found = len(image), np.zeros(image.shape, dtype=bool)
+    for seen in association.people.values():
+        found |= (seen.in_frames(n_frames).detection != NOBODY).any(axis=-1)
+    shows = image != NO_IMAGE
+    for t, c in np.argwhere(shows).tolist():
+        shows[t, c] = observations.image(t, c).n_people > 0
+    n_shown, n_found = shows.sum(axis=0), found.sum(axis=0)
+    return np.flatnonzero((n_shown > _SHOWS * n_frames) & (n_found < _SELDOM * n_shown)).tolist()
+
+
 def _in_region(association: Association, region: PersonRegion) -> Chosen:
     """Raises ValueError if nobody is there, or nobody is followed there."""
     frame, camera, detection = _detection_in(association.observations, association.rig, region)
@@ -226,7 +262,8 @@ def _in_region(association: Association, region: PersonRegion) -> Chosen:
     wanted = next((seen for seen in everybody if (seen.detection[frame, camera] == detection).any()), None)
     if wanted is None:
         raise ValueError(f"region {region}: no other camera agrees on the person who is there")
-    return Chosen(wanted, len(association.people), f"the one in {region}")
+    reason = f"the one in {region}"
+    return Chosen(wanted, len(association.people), reason, with_unfollowed(association, wanted))
 
 
 def _detection_in(people: PeopleObservations, rig: CameraRig, region: PersonRegion) -> tuple[int, int, int]:

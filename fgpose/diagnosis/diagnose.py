@@ -147,6 +147,7 @@ def diagnose(
     result: Trajectory | Mapping[int, Trajectory] | None = None,
     config: Config | None = None,
     world_up: UpChoice | WorldUp = "auto",
+    with_unfollowed: Observations | None = None,
 ) -> Diagnosis:
     """Look at the whole of a recording, at its rig and, if there is one, at its result.
 
@@ -156,6 +157,8 @@ def diagnose(
         result: what came out, of one person or by the number of the person.
         config: the parameters that it is or was estimated with.
         world_up: which axis of the world is said to point up; auto: as body and cameras stand.
+        with_unfollowed: of one person who was chosen among several, the recording with whom cameras show in which
+            nobody is followed (Source.with_unfollowed); None: there is no such camera.
 
     Raises:
         ValueError: the cameras of the recording and of the rig, or the people of the result, differ.
@@ -166,7 +169,8 @@ def diagnose(
         recording = told_apart if told_apart.people else recording.of_person(main_person(recording, rig).seen)
     people = {0: result} if isinstance(result, Trajectory) else result
     finished = _standing(people, rig, world_up) if people else None
-    return _diagnosed(Examined.of(recording, rig, config, finished, world_up))
+    examined = Examined.of(recording, rig, config, finished, world_up)
+    return _diagnosed(replace(examined, with_unfollowed=with_unfollowed))
 
 
 def _after(finding: Finding, estimated: Collection[str]) -> Finding:

@@ -51,6 +51,8 @@ class Examined:
     """What readers of files had to repair or to leave out."""
     world_up: UpChoice | WorldUp = "auto"
     """Which axis of the world is said to point up; auto: as body and cameras stand."""
+    with_unfollowed: Observations | None = None
+    """Of one person who was chosen among several: see Source.with_unfollowed."""
 
     @staticmethod
     def of(
@@ -78,7 +80,7 @@ class Examined:
     def with_cameras(self, names: list[str]) -> Examined:
         """Some of the cameras."""
         people = {person: seen.subset(names) for person, seen in self.people.items()}
-        return replace(self, rig=self.rig.subset(names), people=people, association=None)
+        return replace(self, rig=self.rig.subset(names), people=people, association=None, with_unfollowed=None)
 
     def number(self, person: int) -> int | None:
         """Of a person, where there are several: Finding.person."""

@@ -36,12 +36,13 @@ def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
     if not any(np.isfinite(each.positions_m).any() for each in result.main.values()):
         raise ValueError(_nothing_determined(result))
     hand_back()
-    diagnosis = looked_at(result.seen, result.rig, result.main, result.config, world_up)
+    source = result.source
+    diagnosis = looked_at(result.seen, result.rig, result.main, result.config, world_up, source.with_unfollowed)
     hand_back()
-    diagnosis = diagnosis.after(result.source.origin.estimated if result.source.origin is not None else ())
-    chosen = result.source.chosen
+    diagnosis = diagnosis.after(source.origin.estimated if source.origin is not None else ())
+    chosen = source.chosen
     of_several = [_of_several(chosen)] if chosen is not None and chosen.n_people > 1 else []
-    of_refined = _of_refined(result.source.origin, result.config)
+    of_refined = _of_refined(source.origin, result.config)
     findings = (*diagnosis.findings, *of_several, *of_refined, *_of_repairs(result.n_repairs))
     return replace(result, diagnosis=replace(diagnosis, findings=findings))
 
@@ -52,11 +53,12 @@ def looked_at(
     people: Mapping[int, Trajectory] | None = None,
     config: Config | None = None,
     world_up: UpChoice | WorldUp = "auto",
+    with_unfollowed: Observations | None = None,
 ) -> Diagnosis:
     """As diagnose; a diagnosis that fails says so, whatever it is: no result must be lost because it cannot be
     judged."""
     try:
-        return diagnose(recording, rig, people, config, world_up)
+        return diagnose(recording, rig, people, config, world_up, with_unfollowed)
     except Exception as error:
         return Diagnosis((), (), {"anything": f"the diagnosis itself has failed, please report it: {error!r:.300}"})
 
@@ -92,7 +94,8 @@ def _of_refined(origin: Origin | None, config: Config) -> list[Finding]:
 
 def _nothing_determined(result: Result) -> str:
     """Why there is no result, and what to do."""
-    findings = diagnose(result.source.observations, result.source.rig).findings
+    source = result.source
+    findings = diagnose(source.observations, source.rig, with_unfollowed=source.with_unfollowed).findings
     what = "no joint is determined in any frame, so nothing is written"
     if result.association is not None and not result.main:
         what = f"{result.association.why_nobody}: {what}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic
@@ -36,6 +37,10 @@ class Source(Generic[Recording]):
     """Who it is of how many, where somebody was chosen."""
     succession: Succession | None = field(default=None, repr=False)
     """Who comes after whom, where no image shows more than one person and somebody comes after somebody has gone."""
+    with_unfollowed: Observations | None = field(default=None, repr=False)
+    """Of one person who was chosen among several: the same, and in cameras in which nobody is followed although they
+    show people, the one whom each sees most (fgpose.association.chosen_person.with_unfollowed); None: no such camera.
+    What is wrong with such a camera is found in it."""
     bones: BoneLengths | None = field(default=None, repr=False)
     """Of the one person, from an earlier recording."""
     _gathered: dict[Config, Evidence | Gathered] = field(default_factory=dict, init=False, repr=False)
@@ -61,10 +66,19 @@ class Source(Generic[Recording]):
         """The main person, see chosen_person; or another one. Raises ValueError if there is no such person."""
         people, rig = self.observations, self.rig
         if isinstance(people, Observations):
-            return Source(rig, people, self.origin, self.chosen, self.succession)
+            return Source(rig, people, self.origin, self.chosen, self.succession, self.with_unfollowed)
         chosen = main_person(people, rig) if person == 0 else chosen_person(people, rig, person)
         origin = self.origin and replace(self.origin, chosen=str(chosen))
-        return Source(rig, people.of_person(chosen.seen), origin, chosen)
+        return Source.of_chosen(rig, people, chosen, origin)
+
+    @staticmethod
+    def of_chosen(
+        rig: CameraRig, people: PeopleObservations, chosen: Chosen, origin: Origin | None = None
+    ) -> Source[Observations]:
+        """Of one of the people."""
+        also = chosen.with_unfollowed
+        with_unfollowed = None if also is None else people.of_person(also)
+        return Source(rig, people.of_person(chosen.seen), origin, chosen, with_unfollowed=with_unfollowed)
 
     def everybody(self) -> Source[PeopleObservations]:
         """The same as of any number of people."""
@@ -87,13 +101,13 @@ class Source(Generic[Recording]):
 
     def confident(self, least: float) -> Source[Recording]:
         """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
-        return replace(self, observations=self.observations.confident(least))
+        return self._changed(lambda seen: seen.confident(least))
 
     def first_frames(self, n_frames: int | None) -> Source[Recording]:
         """The beginning of the recording; None: all of it."""
         if n_frames is None:
             return self
-        return replace(self, observations=self.observations.first_frames(n_frames))
+        return self._changed(lambda seen: seen.first_frames(n_frames))
 
     def with_bones(self, path: Path) -> Source[Recording]:
         """With the bone lengths of an earlier result of the same person, who is alone in it.
@@ -120,7 +134,14 @@ class Source(Generic[Recording]):
         """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""
         if not cameras:
             return self
-        return replace(self, rig=self.rig.subset(cameras), observations=self.observations.subset(cameras))
+        return replace(self._changed(lambda seen: seen.subset(cameras)), rig=self.rig.subset(cameras))
+
+    def _changed(self, change: Callable[[Any], Any]) -> Source[Recording]:
+        """With other observations."""
+        also = self.with_unfollowed
+        return replace(
+            self, observations=change(self.observations), with_unfollowed=None if also is None else change(also)
+        )
 
 
 AnySource = Source[Any]

@@ -148,11 +148,11 @@ class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
                 return wanted
             succession = wanted.succession
         followed = detected.follow(0 if region is None else region)
-        one = Source(detected.rig, followed.observations).confident(self.min_confidence)
-        observations = one.first_frames(checked_frames(self.frames)).observations
-        corrected = correct_flips(observations, detected.rig)
-        print_views(console, corrected, followed.problems[: observations.n_frames])
-        return Source(detected.rig, corrected.observations, None, followed.chosen, succession)
+        one = Source.of_chosen(detected.rig, detected.people, followed.chosen).confident(self.min_confidence)
+        one = one.first_frames(checked_frames(self.frames))
+        corrected = correct_flips(one.observations, detected.rig)
+        print_views(console, corrected, followed.problems[: one.observations.n_frames])
+        return replace(one, observations=corrected.observations, succession=succession)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -58,7 +58,7 @@ class Info(RecordingOptions):
             print_presence(console, source)
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)
-            diagnosis = diagnose(seen, source.rig)
+            diagnosis = diagnose(seen, source.rig, with_unfollowed=source.with_unfollowed)
         print_info(console, info)
         print_findings(console, diagnosis)
 

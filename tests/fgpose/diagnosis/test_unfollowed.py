@@ -1,19 +1,24 @@
-"""What is wrong of a camera in which none of several people is followed."""
+"""What is wrong of a camera in which nobody is followed, among several people."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 import fgpose
+from fgpose.association.chosen_person import PersonRegion, unfollowed
 from fgpose.association.recording import associate
-from fgpose.diagnosis.unfollowed import unfollowed
 from fgpose.finding import Code
 from fgpose.people_observations import PeopleObservations
+from fgpose.pipeline import Source
 from fgpose_benchmarks.synthetic import SimulatedClocks, SimulatedNetwork, WalkScene, film, ring_rig, walkers
+
+SHOWS_BYSTANDERS = Path(__file__).parents[2] / "data" / "balance_openpose" / "people.npz"
 
 
 @cache
@@ -51,3 +56,38 @@ def test_cameras_in_which_people_are_followed_and_bystanders() -> None:
     assert unfollowed(associate(elsewhere, rig)) == [1]
     codes = {each.code for each in fgpose.diagnose(elsewhere, rig).findings}
     assert not codes & {Code.IMAGE_SIZE, Code.WRONG_LENS, Code.EXCHANGED_CAMERAS, Code.CAMERA_AXES}
+
+
+def balancing(camera: int, change: Callable[[np.ndarray, fgpose.CameraRig], np.ndarray]) -> Source[PeopleObservations]:
+    """Real detections of a man and of by-standers, with other keypoints of one camera."""
+    rig, seen = fgpose.files.load_recording("balance_openpose")
+    with np.load(SHOWS_BYSTANDERS) as file:
+        people = file["people"].astype(float)
+    points_px, confidence = people[..., :2], np.nan_to_num(people[..., 2])
+    points_px[:, camera] = change(points_px[:, camera], rig)
+    time_s = np.arange(len(people)) / 60
+    return Source(rig, PeopleObservations.of_frames(seen.skeleton, rig.names, time_s, points_px, confidence))
+
+
+@pytest.mark.parametrize("person", [0, PersonRegion.parse("cam_01:300,100,500,1800")])
+def test_what_is_wrong_is_told_of_one_among_bystanders(person: int | PersonRegion) -> None:
+    one = balancing(2, lambda points_px, rig: points_px / 2).one(person).first_frames(60)
+    found = fgpose.diagnose(one.observations, one.rig, with_unfollowed=one.with_unfollowed).findings
+    assert found[0].code is Code.IMAGE_SIZE
+    assert "keypoints of cam_03 are of images of another size" in found[0].reason
+    assert Code.BLIND_CAMERA not in {each.code for each in found}
+    two = one.subset(("cam_03", "cam_01"))
+    assert two.with_unfollowed is not None
+    assert two.with_unfollowed.camera_names == two.observations.camera_names
+
+
+def test_who_fits_for_a_part_of_the_time_is_not_followed() -> None:
+    """In a mirrored image the man fits while he is in the middle: a quarter of the time."""
+
+    def mirrored(points_px: np.ndarray, rig: fgpose.CameraRig) -> np.ndarray:
+        return np.stack([rig.cameras[1].size_px[0] - 1 - points_px[..., 0], points_px[..., 1]], axis=-1)
+
+    source = balancing(1, mirrored)
+    assert unfollowed(associate(source.observations, source.rig)) == [1]
+    right = balancing(1, lambda points_px, rig: points_px)
+    assert right.one().with_unfollowed is None
