@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fgpose.io.atomic import write_text
@@ -26,6 +27,16 @@ from fgpose.study.trial import Trial
 
 DATA_SETS = {"motion": ("estimate", MOTION), "angles": ("angles", ANGLES)}
 """Folder of each data set, and the step and file of a recording that it is put together from."""
+# What options of other commands, which messages name, are called in a study file.
+_IN_STUDY_FILE = {
+    "--cameras": "data.cameras",
+    "--fps": "data.fps",
+    "--skeleton": "data.skeleton",
+    "--unit": "data.unit",
+    "--world-up": "steps.world_up",
+    "--device": "detect.device",
+}
+_OPTION = re.compile(rf"(?:{'|'.join(_IN_STUDY_FILE)})\b")
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,8 @@ def process(study: StudyDescription, recording: Trial) -> RecordingOutcome:
         recording.failure(study.output).unlink(missing_ok=True)
     except Exception as error:  # Whatever it is, the others go on.
         reason = _reason(error, recording.folder(study.output))
-        return failed(study, recording, reason, traceback.format_exc(), time.perf_counter() - start_s)
+        details = "" if _is_expected(error) else traceback.format_exc()
+        return failed(study, recording, reason, details, time.perf_counter() - start_s)
     return RecordingOutcome(recording, "done" if ran else "unchanged", ran, took_s=time.perf_counter() - start_s)
 
 
@@ -143,7 +155,7 @@ def _redo(
         for step in steps_of(job.study, job.recording):
             if step.name in due:
                 done[step.name] = DoneStep(wanted[step.name], _new_files(job, step.run))
-        texts = dict.fromkeys(" ".join(str(each.message).split()) for each in caught)
+        texts = dict.fromkeys(_in_study_file(" ".join(str(each.message).split())) for each in caught)
         row = job.row or (old.row if old is not None else {})
         in_order = {name: done[name] for name in wanted}
         save_state(replace(new, steps=in_order, row=row, warnings=tuple(texts)), job.folder)
@@ -198,13 +210,24 @@ def _put_into_data_sets(study: StudyDescription, recording: Trial, wanted: Mappi
             write_part(table, part, recording.key, recording.trial, wanted[step])
 
 
+def _is_expected(error: Exception) -> bool:
+    """Whether it is what fgpose says of bad input; LinAlgError is a ValueError, and a defect of ours."""
+    expected = isinstance(error, ValueError | OSError | ImportError) and not isinstance(error, np.linalg.LinAlgError)
+    return expected and bool(str(error).strip())
+
+
 def _reason(error: Exception, folder: Path) -> str:
+    """One line. What fgpose says of bad input is a sentence; of anything else its kind tells more."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        text, plain = f"{error.filename}: {error.strerror}", True
+        text = f"{error.filename}: {error.strerror}"
     else:
         text = " ".join(str(error).split())
-        # What fgpose says of bad input is a sentence; of anything else its kind tells more.
-        plain = isinstance(error, ValueError | OSError | ImportError) and bool(text)
     # The folder in which the results are made is gone when somebody reads this.
     text = re.sub(rf"{re.escape(f'.{folder.name}.')}[0-9a-f]{{8}}\b", lambda _: folder.name, text)
-    return text if plain else f"{type(error).__name__}: {text}".rstrip(": ")
+    text = _in_study_file(text)
+    return text if _is_expected(error) else f"{type(error).__name__}: {text}".rstrip(": ")
+
+
+def _in_study_file(message: str) -> str:
+    """With what the options that it names are called there."""
+    return _OPTION.sub(lambda option: _IN_STUDY_FILE[option[0]], message)

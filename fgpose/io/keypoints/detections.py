@@ -69,10 +69,11 @@ def nobody(source: Provenance, skeleton: Skeleton) -> ImageDetections:
 
 def read_json(source: Provenance) -> Any:
     """The document in a JSON file. Raises ValueError, naming file, camera and frame, if it is damaged."""
-    with naming(source, "not JSON, or a truncated file"):
+    with naming(source):
         content = read_content(source.path)
         if not content.strip():
             raise ValueError("the file is empty. Let the detector write it again, or remove it")
+    with naming(source, "not JSON, or a truncated file"):
         return parse_json(content)
 
 

@@ -133,8 +133,8 @@ def _read_npz(path: Path, skeleton: Skeleton) -> Observations:
 
 
 def is_parquet(path: Path) -> bool:
-    """By its content. Raises OSError if it cannot be read."""
-    return first_bytes(path, 4) == b"PAR1"
+    """By its content, or its name where the content is damaged. Raises OSError if it cannot be read."""
+    return first_bytes(path, 4) == b"PAR1" or (path.suffix == ".parquet" and not _is_npz(path))
 
 
 def _is_npz(path: Path) -> bool:

@@ -187,6 +187,19 @@ def test_a_bad_image_file(openpose: Path, balance_rig: CameraRig, damage: Callab
         assert part in message
 
 
+@pytest.mark.parametrize("content", [b"", b"no parquet"])
+def test_a_parquet_file_without_its_content_is_said_to_be_damaged(tmp_path: Path, rig: CameraRig, content: bytes):
+    path = tmp_path / "walk.parquet"
+    path.write_bytes(content)
+    assert f"{path}: a damaged parquet file" in error_of(path, rig)
+
+
+def test_an_empty_file_is_not_called_another_format(tmp_path: Path, rig: CameraRig):
+    path = tmp_path / "walk.json"
+    path.write_bytes(b"")
+    assert f"{path}, camera walk: the file is empty" in error_of(path, rig)
+
+
 def test_a_file_name_without_or_with_a_repeated_number(openpose: Path, balance_rig: CameraRig):
     source = openpose / "cam02_json" / "cam02.0038.json"
     shutil.copy(source, source.with_name("other.0038.json"))

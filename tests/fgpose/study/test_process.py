@@ -20,7 +20,7 @@ from fgpose.io.keypoints import load_observations
 from fgpose.io.studies.state import load_state
 from fgpose.io.trajectories import load_trajectory
 from fgpose.report import load_finished
-from fgpose.study import Plan, RecordingOutcome, Trial, load_study, process
+from fgpose.study import Plan, RecordingOutcome, Trial, load_study, process, steps
 from fgpose.study.process import due
 
 ALL = ("estimate", "judge")
@@ -212,7 +212,7 @@ def test_bad_keypoints_fail_with_their_reason(study_file: Path, spoil: Callable[
     assert outcome.status == "failed"
     assert reason in outcome.reason
     note = outcome.recording.failure(load_study(study_file).output)
-    assert note.read_text().startswith(outcome.reason)
+    assert note.read_text() == outcome.reason + "\n"
     assert not outcome.recording.folder(load_study(study_file).output).exists()
     # Nothing else is left, and once it is mended the note goes.
     assert os.listdir(note.parent) == [note.name]
@@ -253,6 +253,24 @@ def test_other_cameras_fail(study_file: Path) -> None:
     outcome = run(study_file)
     assert outcome.status == "failed"
     assert "ring_7" in outcome.reason
+
+
+def test_messages_name_what_the_study_file_has(study_file: Path) -> None:
+    calibration = study_file.parent / "S01" / "A" / "Calib.toml"
+    rig = load_rig(calibration)
+    save_rig(rig.subset(rig.names[:3]), calibration)
+    assert "Use only those with data.cameras ring_0 ring_1 ring_2" in run(study_file).reason
+
+
+def test_where_an_error_of_ours_was_raised_is_kept(study_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("of ours")
+
+    monkeypatch.setattr(steps, "run_smooth", fail)
+    outcome = run(study_file)
+    assert outcome.reason == "ZeroDivisionError: of ours"
+    note = outcome.recording.failure(load_study(study_file).output)
+    assert "Traceback" in note.read_text()
 
 
 def test_a_damaged_calibration_fails(study_file: Path) -> None:
