@@ -93,6 +93,11 @@ class LiveCamera:
         with self._lock:
             self._health.saw("contested", "two senders send under its name", self.clock.now_s())
 
+    def refused(self, reason: str) -> None:
+        """A message that may be its is refused: where no other comes, that is the reason."""
+        with self._lock:
+            self._health.refused(reason, self.clock.now_s())
+
     def receive(self, image: SourceImage) -> Image | None:
         """Take an image that has just arrived; it is given back with its time, which is after that of the one before.
         None: it is damaged, or its clock says that it was taken no later than the one before, or is yet to be taken."""

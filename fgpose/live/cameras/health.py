@@ -15,6 +15,8 @@ from fgpose.live.frame import CameraState
 _SILENT_S, _SILENT_IMAGES = 0.5, 5
 # Before two images say how long an interval is.
 _FIRST_SILENT_S = 2.0
+# Messages that come at least so often say why no image does.
+_REFUSED_S = 2.0
 # Rates and lateness are of so long, and of at least as many images: what they tell is noticed within a second.
 _RECENT_S, _RECENT_IMAGES = 0.9, 5
 # Cameras fall to half of their rate in the dark.
@@ -35,6 +37,7 @@ _STATES = {
     "connecting": CameraState.RECONNECTING,
     "failed": CameraState.RECONNECTING,
     "ended": CameraState.LOST,
+    "refused": CameraState.LOST,
     "silent": CameraState.LOST,
     "black": CameraState.DOUBTFUL,
     "frozen": CameraState.DOUBTFUL,
@@ -83,6 +86,7 @@ class Health:
         """When somebody looked last, and for how long nobody did since the newest image came."""
         self._fixed: tuple[str, str] | None = ("connecting", "connecting")
         self._seen: dict[str, tuple[float, str]] = {}
+        self._refused_s, self._refusal = -np.inf, ""
 
     def connected(self, now_s: float) -> None:
         """Its source was opened; it counts as connected with its first image."""
@@ -115,6 +119,10 @@ class Health:
         """A fault that no image shows."""
         self._seen[fault] = now_s, reason
 
+    def refused(self, reason: str, now_s: float) -> None:
+        """A message was refused."""
+        self._refused_s, self._refusal = now_s, reason
+
     def rate_hz(self, now_s: float) -> float:
         """Of images over the last second, or longer if they are rare."""
         since_s = max(now_s - self._recent_s(), self._flows_since_s)
@@ -124,13 +132,15 @@ class Health:
     def verdict(self, now_s: float) -> CameraVerdict:
         """Its state at a time that is not before the newest image."""
         if self._fixed is not None:
-            return CameraVerdict(_STATES[self._fixed[0]], *self._fixed)
+            is_refused = self._fixed[0] == "connecting" and now_s - self._refused_s <= _REFUSED_S
+            fault, reason = ("refused", self._refusal) if is_refused else self._fixed
+            return CameraVerdict(_STATES[fault], fault, reason)
         faults = self._faults_of_times(now_s)
         if not faults and not self._seen:
             return _OK
         self._seen |= {name: (now_s, reason) for name, reason in faults.items()}
-        if "silent" not in faults:
-            self._seen.pop("silent", None)
+        for name in {"silent", "refused"} - faults.keys():
+            self._seen.pop(name, None)
         self._seen = {name: seen for name, seen in self._seen.items() if now_s - seen[0] < _OVER_S}
         if not self._seen:
             return _OK
@@ -180,7 +190,8 @@ class Health:
         usual_hz, last_s, recent_s = self._usual_hz, self._last_s, self._recent_s()
         excused_s = min(self._unattended_s + self._unlooked_s(now_s), _MOST_UNATTENDED_S)
         if now_s - last_s - excused_s > self._silent_s():
-            return {"silent": "no image comes"}
+            is_refused = now_s - self._refused_s <= max(_REFUSED_S, self._silent_s())
+            return {"refused": self._refusal} if is_refused else {"silent": "no image comes"}
         if usual_hz and last_s - self._flows_since_s > 2 * recent_s:
             # Up to the newest image: what comes after it is silence.
             rate_hz = self.rate_hz(last_s)

@@ -120,7 +120,8 @@ def decode_keypoints(
             refuse_millimetres(arrays["points3d_m"])
         return Detections(camera.name, document.time_s, points2d_px, **arrays)
     except ValueError as error:
-        raise MessageError("values", str(error)) from None
+        reason = str(error).removeprefix(f"camera {camera.name}, ")
+        raise MessageError("values", reason, camera.name) from None
 
 
 def _checked_camera(document: _Keypoints, rig: CameraRig, skeleton: Skeleton) -> Camera:

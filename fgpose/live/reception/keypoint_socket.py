@@ -69,6 +69,8 @@ class KeypointSocket:
         self._rejections = Rejections(f"keypoints at {self.address}", tell)
         self.n_received = 0
         """Messages that were taken."""
+        self.on_refused: Callable[[MessageError], None] = lambda error: None
+        """Told of every message that is refused, in the thread that reads."""
 
     @property
     def senders(self) -> Senders:
@@ -97,11 +99,15 @@ class KeypointSocket:
                 self.n_received += 1
                 return arrived
             except MessageError as error:
-                self._rejections.add(error)
+                self._refuse(error)
             # Whatever nobody has thought of: one message must not end the reception of the others.
             except Exception as error:
-                self._rejections.add(MessageError("unexpected", f"{type(error).__name__}: {error}"))
+                self._refuse(MessageError("unexpected", f"{type(error).__name__}: {error}"))
         return None
+
+    def _refuse(self, error: MessageError) -> None:
+        self._rejections.add(error)
+        self.on_refused(error)
 
     def _count_disconnects(self) -> None:
         """A body of more than is taken from the network shows only by the end of its connection."""

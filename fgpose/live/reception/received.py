@@ -13,6 +13,7 @@ from fgpose.live.cameras.image import SourceImage
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import HANGS_S, Worker
 from fgpose.live.reception.keypoint_socket import KeypointSocket
+from fgpose.live.reception.rejections import MessageError
 from fgpose.people_observations import Detections
 
 _LOOKS_S = 0.2
@@ -38,6 +39,7 @@ class KeypointReceiver:
         self._socket, self._cameras, self._deliver = socket, cameras, deliver
         self._looked_s = -math.inf
         socket.senders.on_contested = lambda name: cameras[name].contested()
+        socket.on_refused = self._refused
         self._worker = Worker("the reception of keypoints", self._run, parts, hangs_after_s=HANGS_S)
         self._worker.start()
 
@@ -55,6 +57,15 @@ class KeypointReceiver:
             image = recorded_image(self._cameras[arrived.detections.camera], arrived.detections)
             if image is not None:
                 self._deliver(image)
+
+    def _refused(self, error: MessageError) -> None:
+        """A message of unknown camera may be of any that is silent."""
+        if error.camera in self._cameras:
+            self._cameras[error.camera].refused(f"its messages are refused: {error.reason}")
+        elif not error.camera:
+            reason = f"no image comes, and messages whose camera is not known are refused: {error.reason}"
+            for camera in self._cameras.values():
+                camera.refused(reason)
 
     def _look(self) -> None:
         """Several times a second."""

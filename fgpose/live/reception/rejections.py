@@ -11,6 +11,8 @@ class MessageError(ValueError):
 
     def __init__(self, kind: str, reason: str, camera: str = "") -> None:
         super().__init__(f"camera {camera}: {reason}" if camera else reason)
+        self.reason = reason
+        """Without the name of the camera."""
         self.camera = camera
         """Whose message it is, if that is known."""
         self.kind = kind

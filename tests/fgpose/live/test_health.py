@@ -113,6 +113,19 @@ def test_a_camera_that_is_unplugged(simulation: Simulation) -> None:
     check_said_once(simulation, CameraState.LOST, "no image comes", began_s)
 
 
+def test_a_camera_whose_messages_are_refused_is_not_called_silent(simulation: Simulation) -> None:
+    began_s = simulation.clock.now_s()
+    for _ in range(20):
+        simulation.camera.refused("its messages are refused: skeleton 'coco'")
+        simulation.nothing(0.1)
+    check_said_once(simulation, CameraState.LOST, "its messages are refused: skeleton 'coco'", began_s)
+    simulation.camera.refused("once, among good ones")
+    simulation.run(5)
+    assert simulation.state() is CameraState.OK
+    simulation.nothing(5.0)
+    assert simulation.events[-1].reason == "no image comes"
+
+
 def test_a_slow_camera_is_not_lost_between_its_images() -> None:
     simulation = Simulation()
     simulation.run(60, fps=2)

@@ -28,6 +28,7 @@ from fgpose.live.processes.worker import Worker
 from fgpose.live.reception.keypoint_messages import encode_keypoints
 from fgpose.live.reception.keypoint_socket import KeypointSocket
 from fgpose.live.reception.received import KeypointReceiver
+from fgpose.live.reception.rejections import MessageError
 from fgpose.live.sources import CameraSource
 from fgpose.live.system import Feed, LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking, Update
@@ -176,6 +177,42 @@ def test_keypoints_are_received_after_what_nobody_has_thought_of(monkeypatch: py
     receiver.close()
     assert came.is_set()
     assert [(each.part, each.n) for each in parts.so_far()] == [("the reception of keypoints", 1)]
+
+
+@pytest.mark.parametrize(
+    ("sent_as", "skeleton", "reason"),
+    [
+        ("ring_0", "coco_17", "its messages are refused: skeleton 'coco_17', not h36m_17 with 17 joints"),
+        (
+            "cam99",
+            "h36m_17",
+            "no image comes, and messages whose camera is not known are refused: the rig has no camera",
+        ),
+    ],
+)
+def test_why_messages_are_refused_is_told_of_their_camera(sent_as: str, skeleton: str, reason: str) -> None:
+    rig, image, clock = scene().rig, scene().observations.images[0], SimulatedClock(1.7e9)
+    cameras = {name: LiveCamera(name, CameraSource(source="zmq"), clock, 0.5) for name in ("ring_0", "ring_1")}
+    assert cameras["ring_0"].status(clock.now_s()).reason == "connecting"
+    socket, size_px = KeypointSocket(rig, scene().motion.skeleton, port=0), rig.cameras[0].size_px
+    refused = threading.Event()
+    receiver = KeypointReceiver(socket, cameras, lambda recorded: None)
+    listened = socket.on_refused
+
+    def listen(error: MessageError) -> None:
+        listened(error)
+        refused.set()
+
+    socket.on_refused = listen
+    with zmq.Context() as context, context.socket(zmq.PUSH) as detector:
+        detector.setsockopt(zmq.LINGER, 0)
+        detector.connect(socket.address)
+        detector.send(encode_keypoints(sent_as, 0.0, size_px, skeleton, image.points2d_px, image.confidence))
+        assert refused.wait(LONG_S)
+    status = cameras["ring_0"].status(clock.now_s())
+    assert (status.state, status.reason[: len(reason)]) == (CameraState.LOST, reason)
+    assert cameras["ring_1"].status(clock.now_s()).reason.startswith(reason) == (sent_as == "cam99")
+    receiver.close()
 
 
 class Images(Feed):
