@@ -9,7 +9,7 @@ images are horizontal, and the vertical is the direction at right angles to all 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -45,10 +45,30 @@ class FoundUp:
     """Which way is up."""
 
     world_up: WorldUp
-    remark: str = ""
-    """Where it is not as usual, or may not be: why, and what to do. A sentence without its end."""
+    reason: str = ""
+    """Where it is not as usual, or may not be: why."""
+    conclusion: str = ""
+    """What follows from it, and what to do."""
     is_doubtful: bool = False
     """Whether cameras contradict it."""
+
+    @property
+    def remark(self) -> str:
+        """Reason and conclusion: a sentence without its end."""
+        return self.reason + self.conclusion
+
+
+@dataclass(frozen=True)
+class QuestionedUp:
+    """That bodies and cameras contradict what is said to be up."""
+
+    reason: str
+    """A sentence without its end."""
+    remedy: str
+    angle_deg: float
+    """Between what they say and what was given."""
+    is_tilt: bool
+    """Whether it is the same axis in a world that is tilted."""
 
 
 def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: UpAxis = "+z") -> FoundUp:
@@ -65,6 +85,30 @@ def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: U
     if body is None or level is None or rig is None or rig.n_cameras < 3:
         return found
     return _doubted(found, body, level)
+
+
+def question_up(
+    given: WorldUp, people: Iterable[Trajectory], rig: CameraRig | None = None, option: str = "--world-up"
+) -> QuestionedUp | None:
+    """Whether bodies and cameras contradict what a user says is up; None: they do not.
+
+    Args:
+        given: what the user says.
+        people: everybody in a recording, in the world that it is about.
+        rig: the cameras in the same world, if they are known.
+        option: with which the user said it.
+    """
+    found = find_up(people, rig, nearest_axis(given))
+    angle_deg = _angle_deg(up_vector(found.world_up), up_vector(given))
+    is_tilt = not isinstance(found.world_up, str) and angle_deg <= _UPRIGHT_DEG
+    if not found.reason or angle_deg <= (_DOUBTED_DEG if is_tilt else _UPRIGHT_DEG):
+        return None
+    reason = f"{option} {given} was given, but {found.reason}"
+    if is_tilt:
+        remedy = f"Angles to the vertical, heights and TRC are off by it. Give {option} auto: it is turned level then."
+    else:
+        remedy = f"Give {option} {nearest_axis(found.world_up)}, or auto, unless the person lies."
+    return QuestionedUp(reason, remedy, angle_deg, is_tilt)
 
 
 def _found(
@@ -93,11 +137,13 @@ def _doubted(found: FoundUp, body: Float[np.ndarray, " 3"], level: Float[np.ndar
     away_deg = _angle_deg(level, up)
     if not _DOUBTED_DEG < away_deg < _SCATTER_DEG or _angle_deg(body, up) < _LEVEL_DEG:
         return found
-    remark = (
+    doubt = (
         f"all cameras stand level to a vertical that is {away_deg:.0f} degrees from the one that is taken to be up, "
         "and the body leans: if they are level, angles to the vertical, heights and TRC are off by as much"
     )
-    return FoundUp(found.world_up, f"{found.remark}; {remark}" if found.remark else remark, is_doubtful=True)
+    if found.reason:
+        return replace(found, conclusion=f"{found.conclusion}; {doubt}", is_doubtful=True)
+    return FoundUp(found.world_up, doubt, is_doubtful=True)
 
 
 def body_up(people: Iterable[Trajectory]) -> Float[np.ndarray, " 3"] | None:
@@ -197,9 +243,8 @@ def _by_cameras(level: Float[np.ndarray, " 3"] | None, expected: Float[np.ndarra
     axis = nearest_axis(_direction(level))
     if _angle_deg(level, up_vector(axis)) > _UPRIGHT_DEG:
         return FoundUp(usual)
-    return FoundUp(
-        axis, f"the cameras stand upright along {axis} of the world, so {axis} is taken to be up, not {usual}"
-    )
+    reason, conclusion = f"the cameras stand upright along {axis} of the world", f", so {axis} is taken to be up"
+    return FoundUp(axis, reason, f"{conclusion}, not {usual}")
 
 
 def _perhaps_tilted(
@@ -222,25 +267,26 @@ def _agreed(body: Float[np.ndarray, " 3"], cameras_up: Float[np.ndarray, " 3"], 
     offs_deg = [_angle_deg(each, up_vector(axis)) for each in (body, cameras_up)]
     if min(offs_deg) > _LEVEL_DEG and _angle_deg(body, cameras_up) < min(_SAME_TILT * min(offs_deg), 2 * _LEVEL_DEG):
         return _tilted(body, cameras_up)
-    remark = f"the body stands along {axis} of the world, not along {usual}, so {axis} is taken to be up"
+    conclusion = f", so {axis} is taken to be up"
     if offs_deg[0] > _UNNOTICED_LEAN_DEG:
-        remark += f"; it leans by {offs_deg[0]:.0f} degrees: if the person does not, the world is tilted"
-    return FoundUp(axis, remark)
+        conclusion += f"; it leans by {offs_deg[0]:.0f} degrees: if the person does not, the world is tilted"
+    return FoundUp(axis, _stands_along(axis, usual), conclusion)
 
 
 def _by_body_alone(body: Float[np.ndarray, " 3"], off_deg: float, usual: UpAxis) -> FoundUp:
     axis = nearest_axis(_direction(body))
     if _angle_deg(body, up_vector(axis)) <= _LEAN_DEG:
-        return FoundUp(
-            axis,
-            f"the body stands along {axis} of the world, not along {usual}, so {axis} is taken to be up; if the person "
-            f"lies, say --world-up={usual}",
-        )
+        conclusion = f", so {axis} is taken to be up; if the person lies, say --world-up={usual}"
+        return FoundUp(axis, _stands_along(axis, usual), conclusion)
     return FoundUp(
         usual,
         f"the body points {off_deg:.0f} degrees away from {usual}, which is taken to be up: it bends or lies, or the "
         "world is tilted or has another axis up (--world-up)",
     )
+
+
+def _stands_along(axis: UpAxis, usual: UpAxis) -> str:
+    return f"the body stands along {axis} of the world, not along {usual}"
 
 
 def _tilted(body: Float[np.ndarray, " 3"], cameras_up: Float[np.ndarray, " 3"]) -> FoundUp:
@@ -250,7 +296,8 @@ def _tilted(body: Float[np.ndarray, " 3"], cameras_up: Float[np.ndarray, " 3"]) 
     return FoundUp(
         _direction(up),
         f"the world is tilted by {_angle_deg(up, up_vector(axis)):.0f} degrees from {axis} up, as the body and the "
-        "cameras stand; what needs the vertical (TRC, C3D, angles, report) is turned level, to about 3 degrees",
+        "cameras stand",
+        "; what needs the vertical (TRC, C3D, angles, report) is turned level, to about 3 degrees",
     )
 
 

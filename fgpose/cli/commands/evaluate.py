@@ -51,7 +51,7 @@ class Evaluate:
         from fgpose.io.trajectories import load_origin, load_upright
 
         estimate, _ = load_upright(self.estimate, self.world_up)
-        reference, _ = load_upright(self.reference, self.reference_up)
+        reference, _ = load_upright(self.reference, self.reference_up, option="--reference-up")
         if len(estimate) == len(reference) == 1:
             one, true = next(iter(estimate.values())), next(iter(reference.values()))
             print_evaluation(new_console(), evaluate(one, true, self.offset_s))

@@ -9,8 +9,7 @@ import numpy as np
 from fgpose.diagnosis.body.proportions import rough_stature_m, stature_m
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
-from fgpose.geometry.up_axis import nearest_axis, up_vector
-from fgpose.kinematics.vertical import find_up
+from fgpose.kinematics.vertical import find_up, question_up
 from fgpose.trajectory import Status, Trajectory
 
 # A child of one year is 0.75 m tall, the tallest people 2.3 m (WHO Child Growth Standards; NCD-RisC 2020); the stature
@@ -32,11 +31,6 @@ _GROWN_UP_M = (1.4, 2.1)
 _STATURE_SIGMA = 0.06  # of grown-ups, as a share
 # Squares of the boards that people print, metres.
 _SQUARE_M = (0.012, 0.13)
-# As fgpose.kinematics.vertical: who leans by more than this does not stand.
-_UPRIGHT_DEG = 25.0
-# A tilt that bodies and cameras tell is known to 3 degrees.
-_TILTED_DEG = 8.0
-_TO_LEVEL = "Angles to the vertical, heights and TRC are off by it. Give --world-up auto: it is turned level then."
 
 
 class Mistake(NamedTuple):
@@ -142,23 +136,19 @@ def wrong_up(examined: Examined) -> list[Finding]:
     body_m = examined.body_m
     status = np.where(np.isfinite(body_m).all(axis=-1), Status.OBSERVED, Status.UNOBSERVABLE).astype(np.int8)
     body = Trajectory(examined.main.skeleton, np.arange(len(body_m), dtype=float), body_m, status)
+    if examined.world_up != "auto":
+        given = question_up(examined.world_up, [body], examined.rig)
+        if given is None:
+            return []
+        severity, weight = (Severity.DOUBTFUL, 0.4) if given.is_tilt else (Severity.WRONG, 0.8)
+        numbers = {"angle_deg": given.angle_deg}
+        return [Finding(Code.WORLD_UP, severity, given.reason, given.remedy, weight, numbers=numbers)]
     found = find_up([body], examined.rig)
     if not found.remark:
         return []
-    if examined.world_up == "auto":
-        remedy = (
-            "TRC, C3D, BVH, .mot, angles and reports have it up; positions in parquet, npz and Python stay in the "
-            "calibration's world. If it is another, give --world-up."
-        )
-        severity = Severity.DOUBTFUL if found.is_doubtful else Severity.NOTE
-        return [Finding(Code.WORLD_UP, severity, found.remark, remedy, 0.3)]
-    away = np.clip(up_vector(found.world_up) @ up_vector(examined.world_up), -1, 1)
-    angle_deg = float(np.rad2deg(np.arccos(away)))
-    numbers, given = {"angle_deg": angle_deg}, f"--world-up {examined.world_up} was given, but "
-    if angle_deg > _UPRIGHT_DEG:
-        remedy = f"Give --world-up {nearest_axis(found.world_up)}, or auto."
-        return [Finding(Code.WORLD_UP, Severity.WRONG, given + found.remark, remedy, 0.8, numbers=numbers)]
-    if angle_deg > _TILTED_DEG and not isinstance(found.world_up, str):
-        tilt, _, _ = found.remark.partition(";")
-        return [Finding(Code.WORLD_UP, Severity.DOUBTFUL, given + tilt, _TO_LEVEL, 0.4, numbers=numbers)]
-    return []
+    remedy = (
+        "TRC, C3D, BVH, .mot, angles and reports have it up; positions in parquet, npz and Python stay in the "
+        "calibration's world. If it is another, give --world-up."
+    )
+    severity = Severity.DOUBTFUL if found.is_doubtful else Severity.NOTE
+    return [Finding(Code.WORLD_UP, severity, found.remark, remedy, 0.3)]

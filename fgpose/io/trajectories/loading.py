@@ -18,7 +18,7 @@ from fgpose.io.trajectories.c3d import read_c3d
 from fgpose.io.trajectories.npz import read_npz
 from fgpose.io.trajectories.parquet import read_origin, read_parquet
 from fgpose.io.trajectories.trc import read_trc
-from fgpose.io.trajectories.upright import resolved_up
+from fgpose.io.trajectories.upright import doubt_given_up, resolved_up
 from fgpose.observations import is_infinite
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
@@ -96,7 +96,10 @@ def load_origin(path: str | Path) -> Origin | None:
 
 
 def load_upright(
-    path: str | Path, world_up: UpChoice | WorldUp = "auto", rig: CameraRig | None = None
+    path: str | Path,
+    world_up: UpChoice | WorldUp = "auto",
+    rig: CameraRig | None = None,
+    option: str = "--world-up",
 ) -> tuple[dict[int, Trajectory], Float[np.ndarray, "3 3"]]:
     """Everybody in a file, in a world with z up, and the rotation that takes the cameras there.
 
@@ -105,9 +108,11 @@ def load_upright(
         world_up: what is up in the world of the file, or of the cameras. auto: as its format says, unless bodies (and
             cameras) stand otherwise.
         rig: the cameras that saw the people; by default those that the file knows.
+        option: with which the user says world_up.
 
     Warns:
-        UserWarning: auto found another axis up than the format says, or is in doubt; it says why.
+        UserWarning: auto found another axis up than the format says, or is in doubt; or bodies (and cameras) contradict
+            what is given. It says why.
 
     Raises as load_people_trajectories.
     """
@@ -115,11 +120,19 @@ def load_upright(
     kind = _kind(path)
     if kind in _MARKER_FILES:
         if rig is None:
-            return load_people_trajectories(path, file_up=world_up), np.eye(3)
+            people = load_people_trajectories(path, file_up=world_up)
+            if world_up != "auto":
+                # In the axes of the file, which the user names.
+                own = (each.turned(z_up_R_world(world_up).T) for each in people.values())
+                doubt_given_up(own, world_up, path, option=option)
+            return people, np.eye(3)
         # Such files have axes of their own, to which the world of the cameras was turned.
         return load_people_trajectories(path), z_up_R_world(resolved_up((), world_up, path, rig))
     people, origin = load_people_trajectories(path), load_origin(path)
-    rotation = z_up_R_world(resolved_up(people.values(), world_up, path, rig or (origin and origin.rig)))
+    rig = rig or (origin and origin.rig)
+    if world_up != "auto":
+        doubt_given_up(people.values(), world_up, path, rig, option)
+    rotation = z_up_R_world(resolved_up(people.values(), world_up, path, rig))
     if np.array_equal(rotation, np.eye(3)):
         return people, rotation
     return {person: each.turned(rotation) for person, each in people.items()}, rotation

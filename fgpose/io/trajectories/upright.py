@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis, UpChoice, WorldUp
-from fgpose.kinematics.vertical import find_up
+from fgpose.kinematics.vertical import find_up, question_up
 from fgpose.trajectory import Trajectory
 
 
@@ -37,3 +37,17 @@ def resolved_up(
     if found.remark:
         warnings.warn(f"{path}: {found.remark}", UserWarning, stacklevel=3)
     return found.world_up
+
+
+def doubt_given_up(
+    people: Iterable[Trajectory], given: WorldUp, path: Path, rig: CameraRig | None = None, option: str = "--world-up"
+) -> None:
+    """Say it where bodies and cameras contradict what a user says is up; arguments as of question_up, and the file that
+    it is about.
+
+    Warns:
+        UserWarning: they do.
+    """
+    questioned = question_up(given, people, rig, option)
+    if questioned is not None:
+        warnings.warn(f"{path}: {questioned.reason}. {questioned.remedy}", UserWarning, stacklevel=4)

@@ -139,13 +139,19 @@ def test_a_unit_is_found_by_one_arm() -> None:
 
 
 @pytest.mark.parametrize(
-    ("up", "words"), [("z", "--world-up z was given, but the body stands along -y"), ("+y", "not along +z")]
+    ("up", "words"), [("z", "--world-up z was given, but the body stands along -y"), ("+y", "not along +y")]
 )
 def test_a_world_whose_y_points_down(seen, rig, up: UpAxis, words: str) -> None:
     (finding,) = wrong_up(Examined.of(seen, posed(rig, lambda pose: Y_DOWN @ pose), world_up=up))
     assert (finding.code, finding.severity) == (Code.WORLD_UP, Severity.WRONG)
     assert words in finding.reason
     assert "--world-up -y" in finding.remedy
+
+
+def test_another_axis_than_z_given_where_z_is_up(seen, rig) -> None:
+    (finding,) = wrong_up(Examined.of(seen, rig, world_up="+x"))
+    assert finding.reason == "--world-up +x was given, but the body stands along +z of the world, not along +x"
+    assert wrong_up(Examined.of(seen, rig, world_up="z")) == []
 
 
 def test_a_world_that_is_the_frame_of_a_camera(seen, rig) -> None:

@@ -163,7 +163,25 @@ def test_angles_and_evaluate_of_a_trc_with_z_up(
     printed = capsys.readouterr()
     assert (printed.out.splitlines()[1:], printed.err) == (tables[0], "")
     assert main(["angles", str(lying), "--world-up", "-y"]) == 0
-    assert capsys.readouterr().out.splitlines()[1:] != tables[0]
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[1:] != tables[0]
+    said = (
+        "--world-up -y was given, but the body stands along +z of the world, not along -y. Give --world-up +z, or auto"
+    )
+    assert said in printed.err
+    assert main(["evaluate", str(standing), str(lying), "--reference-up", "-y"]) == 0
+    assert said.replace("--world-up", "--reference-up") in capsys.readouterr().err
+
+
+def test_a_given_axis_of_a_result_is_questioned_as_its_estimate_was(walk: Trajectory, tmp_path: Path) -> None:
+    path, origin = tmp_path / "walk.parquet", Origin((), ring_rig(), fps=FPS, fgpose="1")
+    save_trajectory(walk, path, origin=origin)
+    with pytest.warns(UserWarning, match=r"walk\.parquet: --world-up x was given, but the body stands along \+z"):
+        load_upright(path, "x")
+    load_upright(path, "z")  # warnings are errors
+    # Who lies before level cameras does, whatever is given.
+    save_trajectory(turned(walk, "+x"), path, origin=origin)
+    load_upright(path, "z")
 
 
 def test_a_report_of_a_world_with_y_down_is_turned_with_its_cameras(walk: Trajectory, tmp_path: Path) -> None:
