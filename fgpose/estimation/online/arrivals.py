@@ -34,13 +34,17 @@ class Arrivals:
     An image begins a new frame if it is the second of its camera or nearly a usual step later, and joins the newest
     frame otherwise: four cameras of 50 Hz, each at its own time, make 50 frames a second, not 200. One that is older
     than the newest frame joins the nearest frame, at most a usual step away, that has none of its camera yet.
+
+    Args:
+        camera_names: of all cameras.
+        warns: of times in another unit; else another one does, of the same images.
     """
 
-    def __init__(self, camera_names: tuple[str, ...]) -> None:
+    def __init__(self, camera_names: tuple[str, ...], *, warns: bool = True) -> None:
         self._names = camera_names
         self._last_s = np.full(len(camera_names), np.nan)
         self._steps_s: deque[float] = deque(maxlen=_REMEMBERED_STEPS)
-        self._pace = Pace()
+        self._pace = Pace() if warns else None
 
     @property
     def usual_step_s(self) -> float:
@@ -88,8 +92,9 @@ class Arrivals:
         """Learn the usual step from images that were used: the time of that of each camera; NaN: there was none."""
         steps_s = (time_s - self._last_s)[time_s > self._last_s].tolist()
         self._steps_s.extend(steps_s)
-        for step_s in steps_s:
-            self._pace.add(step_s)
+        if self._pace is not None:
+            for step_s in steps_s:
+                self._pace.add(step_s)
         self._last_s = np.fmax(self._last_s, time_s)
 
 

@@ -67,7 +67,7 @@ class PartEstimator:
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
         self._is_tidy = True
-        self._arrivals = Arrivals(rig.names)
+        self._arrivals = Arrivals(rig.names, warns=holder is None)
         self._plausibility = RunningPlausibility()
         self._credibility = RunningCredibility(rig.n_cameras, skeleton.n_joints)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -263,3 +264,13 @@ def test_known_lengths_of_hands_are_expected(scene: Scene, skeleton: Skeleton):
     np.testing.assert_allclose(known.lengths_m[fingers], true_m[fingers], atol=0.0005)
     with pytest.raises(ValueError, match="bone lengths are needed"):
         estimator.know(BoneLengths.unknown(3))
+
+
+def test_times_in_another_unit_are_said_once_of_all_parts(scene: Scene, skeleton: Skeleton) -> None:
+    estimator = fgpose.Estimator(scene.rig, skeleton, fgpose.Config(online={"covariance": False}))
+    in_milliseconds = replace(scene.observations.first_frames(12), time_s=1000 * scene.observations.time_s[:12])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for frame in in_milliseconds:
+            estimator.update(frame)
+    assert [str(each.message)[-45:] for each in told] == [" these in milliseconds, or numbers of frames?"]
