@@ -43,7 +43,7 @@ _LIMBS = tuple(
 _PARTS = (*_LIMBS, *_ACROSS)
 # Of parts that are long: errors of joints are small shares of them.
 _LONG = (*_LIMBS, _ACROSS[0])
-_LEGS = _LIMBS[4:]
+_OF_LEGS = (THIGH, SHANK)  # shares, which no other long part has
 _FEWEST_PARTS = 3
 _LEAST_FRAMES = 5
 
@@ -71,8 +71,8 @@ def stature_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleto
     """Median over the long parts of what each says; NaN with fewer than three, or without legs: by the arms alone of
     motion capture people of 1.6 to 1.8 m would be 1.2 to 1.5 m tall."""
     usual, _, share = lengths_m(positions_m, skeleton, _LONG)
-    legs, *_ = lengths_m(positions_m, skeleton, _LEGS)
-    return float(np.median(usual / share)) if len(usual) >= _FEWEST_PARTS and len(legs) else np.nan
+    has_legs = np.isin(share, _OF_LEGS).any()
+    return float(np.median(usual / share)) if len(usual) >= _FEWEST_PARTS and has_legs else np.nan
 
 
 def rough_stature_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:

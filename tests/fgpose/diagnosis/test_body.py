@@ -298,6 +298,8 @@ def test_real_motion_has_the_proportions_of_a_body() -> None:
     # The subject's bones are those of a person of 1.65 m; single segments differ by some per cent between people.
     assert stature_m(truth_m, SKELETON) == pytest.approx(1.65, abs=0.05)
     assert strangeness(truth_m, SKELETON) < 0.2
+    truth_m[:, [SKELETON.index(f"{side}_knee") for side in ("left", "right")]] = np.nan
+    assert np.isnan(stature_m(truth_m, SKELETON))  # arms and trunk alone are no measure
 
 
 @pytest.mark.parametrize(
