@@ -12,13 +12,22 @@ from fgpose.geometry.camera import CameraRig
 _MAX_ROUND_TRIP_PX = 1.0
 
 
-def in_views(rig: CameraRig, points_m: Float[np.ndarray, "point 3"]) -> Bool[np.ndarray, "point camera"]:
-    """Whether each world point lies in the image of each camera. What hides it is not known here."""
+def in_views(
+    rig: CameraRig, points_m: Float[np.ndarray, "point 3"], margin: float = 0.0
+) -> Bool[np.ndarray, "point camera"]:
+    """Whether each world point lies in the image of each camera. What hides it is not known here.
+
+    Args:
+        rig: the cameras.
+        points_m: in the world, metres; NaN lies in no image.
+        margin: how far from the edges it has to lie, as a share of the sides.
+    """
     inside = np.zeros((len(points_m), rig.n_cameras), dtype=bool)
     for number, camera in enumerate(rig.cameras):
         undistorted_px = camera.project(points_m)
-        original_px = camera.distort(undistorted_px)
-        inside[:, number] = candidates = ((original_px >= 0) & (original_px < camera.size_px)).all(axis=-1)
+        original_px, edge_px = camera.distort(undistorted_px), margin * np.array(camera.size_px)
+        within = (original_px >= edge_px) & (original_px < camera.size_px - edge_px)
+        inside[:, number] = candidates = within.all(axis=-1)
         if camera.distorts:
             back_px = camera.undistort(original_px[candidates])
             error_px = np.linalg.norm(back_px - undistorted_px[candidates], axis=-1)

@@ -9,6 +9,7 @@ import numpy as np
 from fgpose.association.track import Tracked, TrackState
 from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.field_of_view import in_views
 from fgpose.people_observations import Detections
 
 # Who is hidden while a reflection is seen is back by then; and so many images.
@@ -64,14 +65,12 @@ class NobodyFollowed:
     def _should_see(self, image: Detections, people: Sequence[Tracked]) -> bool:
         if self._rig.n_cameras < 3 or image.time_s - self._found_s_of_others(image.camera) > _NOW_S:
             return False
-        camera = self._rig.cameras[self._rig.names.index(image.camera)]
-        size_px = np.array(camera.size_px)
-        for person in people:
-            px = camera.distort(camera.project(person.estimate.positions_m))
-            within = ((px > _MARGIN * size_px) & (px < (1 - _MARGIN) * size_px)).all(axis=-1)
-            if person.state is TrackState.CONFIRMED and within.mean() > _BEFORE_IT:
-                return True
-        return False
+        view = self._rig.subset([image.camera])
+        return any(
+            in_views(view, person.estimate.positions_m, _MARGIN).mean() > _BEFORE_IT
+            for person in people
+            if person.state is TrackState.CONFIRMED
+        )
 
 
 def _shows_somebody(image: Detections) -> bool:

@@ -37,6 +37,8 @@ def test_the_share_is_that_of_the_overlap_of_two_images() -> None:
     line_m = np.stack([np.linspace(-3.2, 3.2, 1000), np.zeros(1000), np.full(1000, 5.0)], axis=-1)
     assert observed_share(rig, rig.names, line_m) == pytest.approx(5.9 / 6.4, abs=0.002)
     assert not in_views(rig, line_m * (1.0, 1.0, -1.0)).any()
+    # A tenth of the width from either edge.
+    assert in_views(rig, line_m, margin=0.1)[:, 0].mean() == pytest.approx(0.8, abs=0.002)
 
 
 def test_a_point_that_the_lens_model_folds_back_is_not_observed() -> None:
