@@ -36,16 +36,27 @@ def refuse_changing(rig: CameraRig) -> None:
             )
 
 
-def warn_far_apart(rig: CameraRig) -> None:
-    """Warn with a UserWarning where images that are given together were taken so far apart that the motion between them
-    is not known."""
-    apart_s = float(np.ptp(rig.time_offsets_s))
+def warn_far_apart(rig: CameraRig, name: object = "the rig") -> None:
+    """Say it where images that come together were taken so far apart that the motion between them is not known.
+
+    Args:
+        rig: whose time offsets tell it.
+        name: what the rig is called.
+
+    Warns:
+        UserWarning: they were.
+    """
+    late_s = rig.time_offsets_s
+    first, last = int(np.argmin(late_s)), int(np.argmax(late_s))
+    apart_s = float(late_s[last] - late_s[first])
     if apart_s > _TOGETHER_S:
         warnings.warn(
-            f"by the time offsets of the rig, images with equal time stamps were taken up to {apart_s:.3g} s apart: "
-            "what is estimated of them as they come is far off, by more than it claims. Give together what was taken "
-            "together, and the rig without offsets; fgpose.calibration.on_common_clock does that with a recording",
-            stacklevel=3,  # past the constructor of the estimator
+            f"by the time offsets of {name}, {rig.names[last]} takes images {apart_s:.3g} s later than "
+            f"{rig.names[first]} with equal time stamps: what is estimated of them as they come is far off, by more "
+            "than it claims, or nobody is seen. Give together what was taken together, and a rig without offsets; "
+            "fgpose.calibration.on_common_clock does that with a recording. Offsets that say when videos began are of "
+            "no use live: they are start_s",
+            stacklevel=3,  # past who has called this
         )
 
 

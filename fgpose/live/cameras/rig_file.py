@@ -16,23 +16,18 @@ is in the same file, or in the one that ``calibration`` in the table ``[live]`` 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fgpose.config import checked_fields, parse_toml
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import warn_far_apart
 from fgpose.io.calibration import load_rig
 from fgpose.live.sources import CameraSource
 from fgpose.live.sources.address import kind_of, with_environment, without_password
 from fgpose.plain_files import naming, read_settings
-
-# A network camera may keep a few images back; videos that are started by hand begin seconds apart.
-_FAR_APART_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -55,7 +50,7 @@ def load_live_rig(path: str | Path) -> LiveRig:
         OSError: a file cannot be read.
 
     Warns:
-        UserWarning: by their time offsets cameras are so far apart as no live ones are.
+        UserWarning: by their time offsets cameras are far apart, see warn_far_apart.
     """
     path = Path(path)
     with naming(path):
@@ -70,21 +65,9 @@ def load_live_rig(path: str | Path) -> LiveRig:
         sources = _sources(tables, path.parent)
     # A rig that was found from a recording has the starts of its videos.
     rig = load_rig(path if calibration is None else path.parent / calibration).after_recording()
-    _warn_far_apart(path, rig)
+    warn_far_apart(rig, path)
     with naming(path):
         return LiveRig(rig, _matched(sources, rig.names))
-
-
-def _warn_far_apart(path: Path, rig: CameraRig) -> None:
-    late_s = rig.time_offsets_s
-    first, last = int(np.argmin(late_s)), int(np.argmax(late_s))
-    if late_s[last] - late_s[first] > _FAR_APART_S:
-        warnings.warn(
-            f"{path}: by time_offset_s, {rig.names[last]} is {late_s[last] - late_s[first]:.2g} s later than "
-            f"{rig.names[first]}, and nobody may be seen. Cameras that are read live are not so far apart: if it says "
-            "when videos began, it is start_s, or of no use here",
-            stacklevel=3,
-        )
 
 
 def _sources(tables: dict[str, Any], folder: Path) -> dict[str, CameraSource]:
