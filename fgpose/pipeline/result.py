@@ -127,11 +127,8 @@ def _residuals(result: Result) -> dict[str, Float[np.ndarray, "frame joint"]]:
         of_window, own = main.frames(window.solved), evidence.frames(window.solved)
         known = informed(own, of_window.positions_m, rig, main.skeleton, config, of_window.visibility)
         residuals = whitened_residuals(of_window, known, rig, config)
-        first = -window.contributed.start % result.compared_every
-        parts.append(
-            {
-                factor: each[window.contributed_of_solved][first :: result.compared_every]
-                for factor, each in residuals.items()
-            }
-        )
+        of_solved, every = window.contributed_of_solved, result.compared_every
+        shown = slice(of_solved.start + -window.contributed.start % every, of_solved.stop, every)
+        # A view would keep the residuals of all frames.
+        parts.append({factor: each[shown].copy() for factor, each in residuals.items()})
     return {factor: np.concatenate([part[factor] for part in parts]) for factor in parts[0]}
