@@ -94,7 +94,8 @@ class Trajectory(Motion):
     """(T, J) values of Status."""
     covariance_m2: np.ndarray | None = None
     """(T, J, 3, 3) marginal covariance of each position, about the joint as the detector sees it from all sides: a
-    network's own idea of a hip, which all views share, is not in it, nor are errors of the whole rig."""
+    network's own idea of a hip, which all views share, is not in it, nor are errors of the whole rig. The
+    smoother gives it, residuals and visibility in single precision."""
     residual_px: np.ndarray | None = None
     """(T, C, J) reprojection error of each detection, undistorted pixels; NaN where there is none."""
     camera_names: tuple[str, ...] = ()

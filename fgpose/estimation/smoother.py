@@ -37,7 +37,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import spread_evenly
 from fgpose.skeleton import BoneLengths, Skeleton
-from fgpose.trajectory import Convergence, OtherBone, Trajectory, joint_status
+from fgpose.trajectory import Convergence, OtherBone, Status, Trajectory, joint_status
 
 Progress = Callable[[int, int], None]
 """Called with the number of frames done and the number of frames in all."""
@@ -277,14 +277,17 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
     """Of all windows, in all frames. What decides who is there when needs the visibility of all; the rest is made
     window by window."""
     rig, config, here, shape = recording.rig, recording.config, recording.here, recording.active.shape
-    of_cameras = len(recording.evidence.time_s), rig.n_cameras, shape[1]
-    positions_m, visibility, residual_px = np.empty((*shape, 3)), *np.full((2, *of_cameras), np.nan)
+    n_frames, n_joints = len(recording.evidence.time_s), shape[1]
+    of_cameras = n_frames, rig.n_cameras, n_joints
+    positions_m = np.full((n_frames, n_joints, 3), np.nan)
+    # Nothing is known of them to seven digits, and they are most of what a long recording leaves in memory.
+    visibility, residual_px = (np.full(of_cameras, np.nan, dtype=np.float32) for _ in range(2))
     (seen, observed), located = np.empty((2, *shape), dtype=bool), np.empty(shape[0], dtype=bool)
     convergences, lengths_m, sigmas_m = [], [], []
     for window, solution in zip(windows, solved, strict=True):
         own = window.contributed
         evidence = replace(recording.evidence_of(own), visibility=solution.visibility)
-        positions_m[own], visibility[here[own]] = solution.positions_m, evidence.detection_visibility
+        positions_m[here[own]], visibility[here[own]] = solution.positions_m, evidence.detection_visibility
         seen[own], observed[own], located[own] = evidence.seen, evidence.observed, evidence.located.any(axis=1)
         convergences.append(solution.convergence)
         lengths_m.append(solution.lengths_m)
@@ -294,24 +297,25 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
     # Hallucinated detections, by what is known now, do not show that somebody is there.
     is_there = present(seen.any(axis=1), located, recording.time_s, config.tracking.coast_s)
     active = recording.active & (unseen_s <= config.motion.max_unseen_s) & is_there[:, None]
-    positions_m[~active] = np.nan
-    covariance_m2 = np.full((len(visibility), shape[1], 3, 3), np.nan) if config.solver.covariance else None
+    frame, joint = np.nonzero(~active)
+    positions_m[here[frame], joint] = np.nan
+    covariance_m2 = np.full((n_frames, n_joints, 3, 3), np.nan, np.float32) if config.solver.covariance else None
     for window, solution in zip(windows, solved, strict=True):
         own = window.contributed
         around = recording.evidence_of(window.solved)
-        of_around_px = _residual_px(around, rig, positions_m[window.solved])
+        of_around_px = _residual_px(around, rig, positions_m[here[window.solved]])
         residual_px[here[own]] = of_around_px[window.contributed_of_solved]
         if covariance_m2 is not None and solution.covariance_m2 is not None:
             swing = unseen_s[own], recording.skeleton, config.swing, solution.widening_m2
             doubt = 1 - around.credible[window.contributed_of_solved]
-            of_window_m2 = with_swing(solution.covariance_m2, positions_m[own], *swing, doubt=doubt)
+            of_window_m2 = with_swing(solution.covariance_m2, positions_m[here[own]], *swing, doubt=doubt)
             covariance_m2[here[own]] = np.where(active[own, :, None, None], of_window_m2, np.nan)
-    whole_m, status = np.full((len(visibility), *positions_m.shape[1:]), np.nan), np.zeros(of_cameras[::2], np.int8)
-    whole_m[here], status[here] = positions_m, joint_status(active, observed)
+    status = np.full((n_frames, n_joints), Status.UNOBSERVABLE, dtype=np.int8)
+    status[here] = joint_status(active, observed)
     return Trajectory(
         skeleton=recording.skeleton,
         time_s=recording.evidence.time_s,
-        positions_m=whole_m,
+        positions_m=positions_m,
         status=status,
         covariance_m2=covariance_m2,
         residual_px=residual_px,

@@ -26,7 +26,7 @@ def of_all_joints(
         return None
     shape = [*arrays[0].shape]
     shape[axis] = n_joints
-    whole = np.empty(shape, dtype=arrays[0].dtype)
+    whole = np.empty(shape, dtype=arrays[-1].dtype)
     for (joints, _), array in zip(found, arrays, strict=True):
         whole[(slice(None),) * axis + (list(joints),)] = array
     return whole

@@ -212,6 +212,12 @@ def test_covariance_in_windows_is_that_of_one_piece(long_scene: Scene, rig: fgpo
     assert np.quantile(np.abs(np.sqrt(ratio) - 1.0), 0.99) < 0.4
 
 
+def test_what_is_not_known_to_seven_digits_takes_half_of_the_memory(long_smoothed: fgpose.Trajectory) -> None:
+    large = {name: getattr(long_smoothed, name).dtype for name in ("covariance_m2", "residual_px", "visibility")}
+    assert large == dict.fromkeys(large, np.float32)
+    assert long_smoothed.positions_m.dtype == np.float64
+
+
 def test_a_joint_seen_again_later_is_bridged(
     long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:
