@@ -39,7 +39,7 @@ class Observations(Shown):
     time_s: np.ndarray
     """(T,) time of each frame, or (T, C) when every camera has its own clock (NaN: no image). Increasing."""
     points2d_px: np.ndarray
-    """(T, C, J, 2) pixels of the original, distorted image."""
+    """(T, C, J, 2) pixels of the original, distorted image; as confidence, single precision stays single."""
     confidence: np.ndarray = field(default_factory=lambda: np.array(1.0))
     """(T, C, J) in [0, 1], or one number for every known point."""
     points3d_m: np.ndarray | None = None
@@ -54,7 +54,7 @@ class Observations(Shown):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "skeleton", named_skeleton(self.skeleton))
-        points2d_px = _own(self.points2d_px)
+        points2d_px = _own(self.points2d_px, np.float32)
         if points2d_px.ndim != 4 or points2d_px.shape[3] != 2:
             raise ValueError(f"points2d_px must be (frames, cameras, joints, 2), got {points2d_px.shape}")
         n_frames, n_cameras, n_joints, _ = points2d_px.shape
@@ -100,7 +100,7 @@ class Observations(Shown):
 
     def _checked_confidence(self, points2d_px: np.ndarray) -> np.ndarray:
         known = ~np.isnan(points2d_px).any(axis=-1)
-        confidence = _own(self.confidence)
+        confidence = _own(self.confidence, np.float32)
         if confidence.ndim == 0:
             confidence = np.full(known.shape, float(confidence))
         if confidence.shape != known.shape:
@@ -271,11 +271,12 @@ class Observations(Shown):
             check_cameras(self.camera_names, rig_names)
 
 
-def _own(values: np.ndarray) -> np.ndarray:
-    """As numbers that nobody else changes: a copy, unless they are of other observations, which are shared."""
-    if not isinstance(values, np.ndarray) or values.dtype != float or values.flags.writeable:
+def _own(values: np.ndarray, *kept: type[np.floating]) -> np.ndarray:
+    """As numbers that nobody else changes: a copy, unless they are of other observations, which are shared. In double
+    precision, or in one that is kept."""
+    if not isinstance(values, np.ndarray) or values.dtype not in (float, *kept):
         return np.array(values, dtype=float)
-    owner = values if values.base is None else values.base
+    owner = values if values.base is None or values.flags.writeable else values.base
     return values if isinstance(owner, np.ndarray) and not owner.flags.writeable else values.copy()
 
 

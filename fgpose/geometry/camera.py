@@ -139,12 +139,13 @@ class Camera:
         return self.lens == "fisheye" or bool(self.distortion.any())
 
     def undistort(self, points_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:
-        """Undistorted pixels of points measured in the original image.
+        """Undistorted pixels, in double precision, of points measured in the original image.
 
         NaN stays NaN, and a point where the lens model has no inverse (far outside the calibrated field) becomes NaN.
         """
+        points_px = np.array(points_px, dtype=float)
         if not self.distorts:
-            return points_px.copy()
+            return points_px
         flat = without_distortion(points_px.reshape(-1, 2), self.K, self.distortion, self.lens)
         return flat.reshape(points_px.shape)
 

@@ -23,6 +23,7 @@ from fgpose.observations import Observations
 from fgpose.pipeline import load_source, run_smooth, show
 from fgpose.pipeline.source import Source
 from fgpose.skeleton import Skeleton
+from fgpose.viewer import Recording
 
 # Both are so long that what is done in parts has its largest memory in both.
 SHORT, LONG = 6000, 12000
@@ -60,7 +61,7 @@ def growth(work: Callable[[Observations], object], recording: Observations) -> f
 def test_a_file_of_one_person_is_read_into_the_arrays_of_the_recording(
     recording: Observations, rig: CameraRig, tmp_path: Path
 ) -> None:
-    """Arrays in single precision, as in the file, and those of the recording: 1.5. With an object for each image it
+    """Arrays in single precision, as in the file, and those of the recording: 1.0. With an object for each image it
     were 6."""
     save_rig(rig, tmp_path / "rig.toml")
     for n_frames in (SHORT, LONG):
@@ -70,7 +71,7 @@ def test_a_file_of_one_person_is_read_into_the_arrays_of_the_recording(
     def load(part: Observations) -> object:
         return load_source(tmp_path / f"{part.n_frames}.npz", tmp_path / "rig.toml", skeleton)
 
-    assert growth(load, recording) < 2.0
+    assert growth(load, recording) < 1.3
 
 
 @pytest.mark.slow
@@ -107,7 +108,7 @@ def test_of_residuals_that_the_viewer_shows_the_others_are_not_kept(
         n_frames: run_smooth(Source(rig, recording.first_frames(n_frames)), Config(), compare=20)
         for n_frames in (SHORT, LONG)
     }
-    viewers = {n_frames: Mock() for n_frames in results}
+    viewers = {n_frames: Mock(spec=Recording) for n_frames in results}
     assert growth(lambda part: show(results[part.n_frames], viewers[part.n_frames]), recording) < 0.1
     for n_frames, viewer in viewers.items():
         _, residuals, every = viewer.log_residuals.call_args.args

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
-from fgpose.sampling import stretches, usual_step_s
+from fgpose.sampling import parts_of, stretches, usual_step_s
 
 # Images in a row in which a joint stands exactly in the middle between the one before and the one after, although it
 # moves. Where that is more of all, every second image, or two of three, are filled.
@@ -57,13 +57,12 @@ def _filled(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "
     whole = points_px[known.all(axis=1)]
     spread_px = float(np.median(np.std(whole, axis=1))) if len(whole) else 0.0
     exact_px = max(2.01 * _decimal_step(points_px[known]), _EXACT * spread_px)
-    before_px, now_px, after_px = points_px[:-2], points_px[1:-1], points_px[2:]
-    bend_px = np.abs(before_px - 2 * now_px + after_px).max(axis=-1)
+    bend_px = _bends_px(points_px)
     bends_px = bend_px[np.isfinite(bend_px)]
     if len(bends_px) < _FEWEST or not np.quantile(bends_px, _BENT) > _FINER * exact_px:
         return filled
     straight = bend_px <= exact_px
-    filled[1:-1] = straight & (np.linalg.norm(after_px - before_px, axis=-1) > 2 * _MOVES * exact_px)
+    filled[1:-1] = straight & (np.linalg.norm(points_px[2:] - points_px[:-2], axis=-1) > 2 * _MOVES * exact_px)
     if filled.sum() > _RESAMPLED * known.sum():
         return filled
     in_a_row = np.asarray(np.lib.stride_tricks.sliding_window_view(filled, _IN_A_ROW, axis=0).all(axis=-1))
@@ -71,6 +70,16 @@ def _filled(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "
     for k in range(_IN_A_ROW):
         kept[k : len(in_a_row) + k] |= in_a_row
     return kept
+
+
+def _bends_px(points_px: Float[np.ndarray, "frame joint 2"]) -> Float[np.ndarray, "frame-2 joint"]:
+    """Second differences, the larger of both axes; in double precision, as what counts as exact is not far above the
+    rounding of single."""
+    bends_px = np.empty((max(len(points_px) - 2, 0), points_px.shape[1]))
+    for part in parts_of(len(bends_px)):
+        some_px = points_px[part.start : part.stop + 2].astype(float)
+        bends_px[part] = np.abs(some_px[:-2] - 2 * some_px[1:-1] + some_px[2:]).max(axis=-1)
+    return bends_px
 
 
 def _decimal_step(values: Float[np.ndarray, "*values"]) -> float:

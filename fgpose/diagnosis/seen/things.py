@@ -61,7 +61,7 @@ def _still(seen: Observations) -> Bool[np.ndarray, "frame camera"]:
     if per_second < _FEWEST_FRAMES or n_seconds < _FEWEST_SECONDS or seen.n_cameras < _FEWEST_CAMERAS:
         return still
     seconds_px = seen.points2d_px[: n_seconds * per_second].reshape(n_seconds, per_second, *seen.points2d_px.shape[1:])
-    moved = _moved(seconds_px)
+    moved = np.stack([_moved(seconds_px[:, :, c]) for c in range(seen.n_cameras)], axis=1)
     others = np.stack([_as_two_show(np.delete(moved, c, axis=1)) for c in range(moved.shape[1])], axis=1)
     found = (moved > _REPEATED) & (moved < _STILL) & (others > _MOVES) & (moved < _FAR_LESS * others)
     for c in range(found.shape[1]):
@@ -76,7 +76,7 @@ def _as_two_show(moved: Float[np.ndarray, "second camera"]) -> Float[np.ndarray,
     return np.sort(np.nan_to_num(moved), axis=1)[:, -2]
 
 
-def _moved(seconds_px: Float[np.ndarray, "second frame camera joint 2"]) -> Float[np.ndarray, "second camera"]:
+def _moved(seconds_px: Float[np.ndarray, "second frame joint 2"]) -> Float[np.ndarray, " second"]:
     """Standard deviation of the joints within each second over the extent of them all, the median; NaN where too few
     are seen."""
     known = np.isfinite(seconds_px).all(axis=-1).mean(axis=1) > 0.5
@@ -95,7 +95,7 @@ def _extent_px(places_px: Float[np.ndarray, "*images joint 2"]) -> Float[np.ndar
 
 def _stays(seconds_px: Float[np.ndarray, "second frame joint 2"]) -> bool:
     """Whether it is at the same place all the time, where slow walkers move on."""
-    return bool(_moved(seconds_px.reshape(1, -1, 1, *seconds_px.shape[2:]))[0, 0] < _STILL)
+    return bool(_moved(seconds_px.reshape(1, -1, *seconds_px.shape[2:]).astype(float))[0] < _STILL)
 
 
 def _at_its_place(points_px: Float[np.ndarray, "frame joint 2"], known: slice) -> Bool[np.ndarray, " frame"]:
@@ -103,7 +103,7 @@ def _at_its_place(points_px: Float[np.ndarray, "frame joint 2"], known: slice) -
     it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of joints that are not seen
-        place_px = np.nanmean(points_px[known], axis=0)
+        place_px = np.nanmean(points_px[known], axis=0, dtype=float)
         away = np.nanmedian(np.linalg.norm(points_px - place_px, axis=-1), axis=-1) / _extent_px(place_px)
     return np.asarray(away < 2 * _STILL)
 

@@ -150,10 +150,10 @@ def without_depths(
 ) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
     """The evidence but for the depths of the views, and the triangulated joints; frame by frame."""
     far_outside = far_outside_images(observations.points2d_px, rig)
-    undistorted_px = rig.undistort(observations.points2d_px)
+    undistorted_px, confidence = rig.undistort(observations.points2d_px), observations.confidence.astype(float)
     triangulated_m = triangulate_robust(
         np.where(far_outside[..., None], np.nan, undistorted_px),
-        observations.confidence,
+        confidence,
         rig,
         rig.in_own_px(config.fusion.inlier_px),
     ).positions_m
@@ -165,8 +165,8 @@ def without_depths(
     evidence = Evidence(
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
-        weights=detection_weights(fusion, observations.confidence, rig, config.projection),
-        sigma_px=np.broadcast_to(rig.in_own_px(config.projection.sigma_px), observations.confidence.shape),
+        weights=detection_weights(fusion, confidence, rig, config.projection),
+        sigma_px=np.broadcast_to(rig.in_own_px(config.projection.sigma_px), confidence.shape),
         credible=credible,
         n_views=observations.seen.sum(axis=1),
         fused_m=fusion.positions_m,
@@ -177,7 +177,7 @@ def without_depths(
         depth_sigma_m=no_view,
         delay_s=delays_s(observations, rig),
         implausible=2 * far_outside.sum(axis=(1, 2)) > observations.seen.sum(axis=(1, 2)),
-        **_not_known_yet(observations.confidence.shape),
+        **_not_known_yet(confidence.shape),
     )
     return evidence, triangulated_m
 

@@ -218,6 +218,18 @@ def test_what_is_not_known_to_seven_digits_takes_half_of_the_memory(long_smoothe
     assert long_smoothed.positions_m.dtype == np.float64
 
 
+def test_keypoints_in_single_precision_are_kept_so_and_computed_with_in_double(
+    long_scene: Scene, rig: fgpose.CameraRig
+) -> None:
+    seen = long_scene.observations.first_frames(20)
+    single = fgpose.Observations(
+        seen.skeleton, seen.time_s, seen.points2d_px.astype(np.float32), seen.confidence.astype(np.float32)
+    )
+    double = replace(single, points2d_px=single.points2d_px.astype(float), confidence=single.confidence.astype(float))
+    assert (single.points2d_px.dtype, single.confidence.dtype) == (np.float32, np.float32)
+    np.testing.assert_array_equal(fgpose.smooth(single, rig).positions_m, fgpose.smooth(double, rig).positions_m)
+
+
 def test_a_joint_seen_again_later_is_bridged(
     long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:
