@@ -200,6 +200,8 @@ def _turn_deg(trajectory: Trajectory) -> Float[np.ndarray, " step"]:
 
 def motionless(recording: FinishedRecording) -> list[Finding]:
     """People who do not even sway, beside others who move: pictures of people."""
+    if len(recording.people) < 2:
+        return []
     moved_m = {person: _moved_m(each) for person, each in recording.people.items()}
     return [
         Finding(

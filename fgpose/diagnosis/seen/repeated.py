@@ -44,10 +44,10 @@ def repeated_images(examined: Examined) -> list[Finding]:
 
 def _equal(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera joint"], Bool[np.ndarray, "frame camera joint"]]:
     """Which joints an image and the one before it show, and which of them are at the same place; none of the first."""
-    points_px = seen.points2d_px
-    before_px = np.concatenate([np.full_like(points_px[:1], np.nan), points_px[:-1]])
-    both = np.isfinite(points_px).all(axis=-1) & np.isfinite(before_px).all(axis=-1)
-    return np.asarray(both), np.asarray(both & (points_px == before_px).all(axis=-1))
+    both, equal = np.zeros((2, *seen.seen.shape), dtype=bool)
+    both[1:] = seen.seen[1:] & seen.seen[:-1]
+    equal[1:] = both[1:] & (seen.points2d_px[1:] == seen.points2d_px[:-1]).all(axis=-1)
+    return both, equal
 
 
 def _share(view: Observations) -> float:
