@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from fgpose.calibration.changes.change import Change, later_s, pieces
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.sampling import between_images, smaller_around, spread_evenly, usual_step_s
+from fgpose.sampling import between_images, parts_of, smaller_around, spread_evenly, usual_step_s
 
 # Errors of detections are correlated over 0.15 s, and nobody moves a limb to and fro in 0.05: more is no information.
 _GRID_HZ = 40.0
@@ -69,46 +69,49 @@ def rays_of(
         step_s: of the grid.
         n_gap: steps of nothing after each person.
     """
-    parts = [_of_person(own, rig, changes, step_s) for own in people]
-    gap = np.full(n_gap, np.nan)
-    time_s = np.concatenate([piece for time_s, *_ in parts for piece in (time_s, gap)])
-    direction, weight, centre_m, world_R_camera = (
-        np.concatenate([piece for part in parts for piece in (part[n], _nothing(part[n], n_gap))], axis=1)
-        for n in (1, 2, 3, 4)
+    first, *others = (_of_person(own, rig, changes, step_s, n_gap) for own in people)
+    if not others:
+        return first  # without a copy: an hour of four cameras takes 0.15 GB
+    every = [first, *others]
+    time_s = np.concatenate([each.time_s for each in every])
+    direction, centre_m, world_R_camera, weight = (
+        np.concatenate([getattr(each, name) for each in every], axis=1)
+        for name in ("direction", "centre_m", "world_R_camera", "weight")
     )
-    return Rays(time_s, step_s, direction, centre_m, world_R_camera, np.nan_to_num(weight))
+    return Rays(time_s, step_s, direction, centre_m, world_R_camera, weight)
 
 
-def _nothing(array: np.ndarray, n_gap: int) -> np.ndarray:
-    return np.full((array.shape[0], n_gap, *array.shape[2:]), np.nan, dtype=array.dtype)
-
-
-def _of_person(
-    own: Observations, rig: CameraRig, changes: Sequence[Change], step_s: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], step_s: float, n_gap: int) -> Rays:
     joints = chosen_joints(own)
     begin_s, end_s = own.frame_time_s[[0, -1]]
     time_s = begin_s + step_s * np.arange(int((end_s - begin_s) / step_s + 1e-6) + 1)
-    n_cameras, shape = rig.n_cameras, (rig.n_cameras, len(time_s), len(joints))
-    direction = np.full((*shape, 3), np.nan, dtype=np.float32)
-    weight = np.zeros(shape, dtype=np.float32)
-    centre_m, world_R_camera = np.empty((n_cameras, len(time_s), 3)), np.empty((n_cameras, len(time_s), 3, 3))
+    of_cameras = rig.n_cameras, len(time_s) + n_gap
+    direction = np.full((*of_cameras, len(joints), 3), np.nan, dtype=np.float32)
+    weight = np.zeros((*of_cameras, len(joints)), dtype=np.float32)
+    centre_m, world_R_camera = np.full((*of_cameras, 3), np.nan), np.full((*of_cameras, 3, 3), np.nan)
     for c, camera in enumerate(rig.cameras):
         stamp_s = own.frame_time_s if own.time_s.ndim == 1 else own.time_s[:, c]
         there = np.isfinite(stamp_s)
-        taken_s = stamp_s[there] + camera.time_offset_s + later_s(changes, c, stamp_s[there])
-        at_px = between_images(taken_s, camera.undistort(own.points2d_px[there, c][:, joints]), time_s)
-        at_weight = smaller_around(taken_s, own.confidence[there, c][:, joints], time_s)
-        image = np.searchsorted(taken_s, time_s + 1e-9, side="right") - 1
-        stamps_s = stamp_s[there][np.maximum(image, 0)] if there.any() else time_s
-        for since_s, until_s, pose in pieces(changes, c, camera):
-            holds = (stamps_s >= since_s) & (stamps_s < until_s)
-            normalized = (at_px[holds] - camera.K[:2, 2]) / np.diag(camera.K)[:2]
-            ray = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ pose[:3, :3].T
-            direction[c, holds] = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
-            centre_m[c, holds], world_R_camera[c, holds] = pose[:3, 3], pose[:3, :3]
-        weight[c] = np.where(np.isfinite(direction[c]).all(axis=-1), at_weight, 0.0)
-    return time_s, direction, weight, centre_m, world_R_camera
+        stamp_s = stamp_s[there]
+        taken_s = stamp_s + camera.time_offset_s + later_s(changes, c, stamp_s)
+        seen_px, confidence = (
+            camera.undistort(own.points2d_px[there, c][:, joints]),
+            own.confidence[there, c][:, joints],
+        )
+        poses = pieces(changes, c, camera)
+        for part in parts_of(len(time_s)):
+            at_s = time_s[part]
+            at_px, at_weight = between_images(taken_s, seen_px, at_s), smaller_around(taken_s, confidence, at_s)
+            image = np.searchsorted(taken_s, at_s + 1e-9, side="right") - 1
+            stamps_s = stamp_s[np.maximum(image, 0)] if there.any() else at_s
+            for since_s, until_s, pose in poses:
+                holds = part.start + np.flatnonzero((stamps_s >= since_s) & (stamps_s < until_s))
+                normalized = (at_px[holds - part.start] - camera.K[:2, 2]) / np.diag(camera.K)[:2]
+                ray = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ pose[:3, :3].T
+                direction[c, holds] = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+                centre_m[c, holds], world_R_camera[c, holds] = pose[:3, 3], pose[:3, :3]
+            weight[c, part] = np.where(np.isfinite(direction[c, part]).all(axis=-1), at_weight, 0.0)
+    return Rays(np.append(time_s, np.full(n_gap, np.nan)), step_s, direction, centre_m, world_R_camera, weight)
 
 
 def chosen_joints(own: Observations) -> Int[np.ndarray, " joint"]:
