@@ -175,7 +175,7 @@ def test_what_was_taken_from_the_detections_is_kept(rig: CameraRig, skeleton: Sk
     np.testing.assert_allclose(known.measured_px, evidence.undistorted_px, atol=1e-9)
     assert trajectory.residual_px is not None
     expected_px = np.linalg.norm(rig.project(trajectory.positions_m) - evidence.undistorted_px, axis=-1)
-    np.testing.assert_allclose(trajectory.residual_px, expected_px, rtol=1e-9)
+    np.testing.assert_allclose(trajectory.residual_px, expected_px, rtol=1e-6)  # they are kept in single precision
     found_m = known.bias_px[100] / rig.px_per_m(trajectory.positions_m[100])[..., None]
     # What no pose explains is 5 of 8 parts of the biases; what is found of that correlates with the truth.
     assert np.corrcoef(found_m.ravel(), bias_m.ravel())[0, 1] > 0.6
