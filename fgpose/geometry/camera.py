@@ -143,10 +143,9 @@ class Camera:
 
         NaN stays NaN, and a point where the lens model has no inverse (far outside the calibrated field) becomes NaN.
         """
-        points_px = np.array(points_px, dtype=float)
         if not self.distorts:
-            return points_px
-        flat = without_distortion(points_px.reshape(-1, 2), self.K, self.distortion, self.lens)
+            return np.array(points_px, dtype=float)
+        flat = without_distortion(np.asarray(points_px, dtype=float).reshape(-1, 2), self.K, self.distortion, self.lens)
         return flat.reshape(points_px.shape)
 
     def distort(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:

@@ -49,7 +49,7 @@ def filter_responses(
     step_s: float,
     times_s: tuple[float, ...],
     model: Literal["none", "random_walk", "constant_velocity"],
-    shared: Float[np.ndarray, "*ways"] | float = 0.0,
+    shared: Float[np.ndarray, "*#ways"] | float = 0.0,
 ) -> tuple[FilterResponse, FilterResponse, FilterResponse]:
     """Of the newest pose, of a smoothed one, and of the difference between them in the variance of the newest.
 

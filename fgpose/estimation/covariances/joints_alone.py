@@ -48,6 +48,10 @@ class InGraph:
     directions: Directions
     steady_m2: Float[np.ndarray, "joint direction"]
     """Variance of the joint alone, as the graph takes errors and motion."""
+    root_m: Float[np.ndarray, "joint 3 3"]
+    """Square root of the covariance of the joint alone."""
+    inverse: Float[np.ndarray, "joint 3 3"]
+    """Of that."""
     units: Float[np.ndarray, "joint 3 3"]
     ratio: Float[np.ndarray, "joint 3"]
     """Of the covariance in the graph, where that of the joint alone is 1: along each of the units, of its square
@@ -59,9 +63,9 @@ class InGraph:
     ) -> InGraph:
         """With these covariances, if so much of the variance of the detections of a frame is left in a steady state."""
         steady_m2 = steady / directions.information
-        inverse = directions.matrices(1 / np.sqrt(steady_m2))
+        root_m, inverse = directions.matrices(np.sqrt(steady_m2)), directions.matrices(1 / np.sqrt(steady_m2))
         ratio, units = np.linalg.eigh(inverse @ linear_m2 @ inverse)
-        return InGraph(directions, steady_m2, units, np.maximum(ratio, 0.0))
+        return InGraph(directions, steady_m2, root_m, inverse, units, np.maximum(ratio, 0.0))
 
     def noise_m2(
         self,
@@ -88,16 +92,13 @@ class InGraph:
     @property
     def excess_m2(self) -> Float[np.ndarray, "joint 3 3"]:
         """What more there is in the graph of joints that fewer cameras than usual see: it is of motion too."""
-        root_m = self.directions.matrices(np.sqrt(self.steady_m2))
-        return root_m @ _matrices(self.units, np.maximum(self.ratio - 1, 0.0)) @ root_m
+        return self.root_m @ _matrices(self.units, np.maximum(self.ratio - 1, 0.0)) @ self.root_m
 
     def _with_bones(
         self, alone_m2: Float[np.ndarray, "joint 3 3"], left: Float[np.ndarray, "joint 3"]
     ) -> Float[np.ndarray, "joint 3 3"]:
         """What is left of the covariance of the joint alone, along each of the units."""
-        sigma_m = np.sqrt(self.steady_m2)
-        change = self.directions.matrices(sigma_m) @ _matrices(self.units, np.sqrt(left))
-        change = change @ self.directions.matrices(1 / sigma_m)
+        change = self.root_m @ _matrices(self.units, np.sqrt(left)) @ self.inverse
         return change @ alone_m2 @ change.swapaxes(-1, -2)
 
 

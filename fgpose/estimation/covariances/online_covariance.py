@@ -108,8 +108,7 @@ class OnlineCovariances:
         gain = np.trace(of_frame, axis1=-2, axis2=-1) / of_graph
         at_first_m2 = index_of_gain(gain) ** 2 / directions.information.mean(axis=-1)
         index = np.sqrt(np.maximum(added_m2, at_first_m2)[:, None] * directions.information)
-        shared = np.broadcast_to(self._shared(state)[:, None], index.shape)
-        return directions, *filter_responses(index, step_s, TIMES_S, model, shared)
+        return directions, *filter_responses(index, step_s, TIMES_S, model, self._shared(state)[:, None])
 
     def _shared(self, state: FrameState) -> Float[np.ndarray, " active_joint"]:
         """Correlation of the errors of each joint with those of its neighbours, on average."""
