@@ -8,7 +8,7 @@ Cauchy distribution) or where another joint of the person is.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -16,15 +16,12 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import CORRELATED_FACTOR, LEAST_SPREAD_M, shrunk, surely_positive
+from fgpose.estimation.noise import CORRELATED_FACTOR, surely_positive
+from fgpose.estimation.visibility.spread import Contradictions
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.skeleton import Skeleton
 from fgpose_factors import robust_weight
-from fgpose_factors.robust_statistics import MEDIAN_LENGTH, weighted_median
-
-# So many independent measurements outweigh the prior spread: of all cameras, and of one camera against all.
-PRIOR_MEASUREMENTS, PRIOR_MEASUREMENTS_OF_CAMERA = 30.0, 50.0
 
 # The numbers below were chosen on the tuning clips of the benchmark, standard family. Twice or half of each changes the
 # mean errors there by less than 2 %, with two cameras 4 %.
@@ -37,8 +34,6 @@ _PREDICTED_M = {"constant_velocity": 0.01, "random_walk": 0.02, "none": 0.04}
 # How much the prior weight tells, relative to as much as if it were a probability.
 _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
-# Where less of the variance of a detection is left in its residual, that is of the pose rather than of the detection.
-_LEAST_REDUNDANCY = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +55,6 @@ class WithoutOwn:
 
     covariance_m2: Float[np.ndarray, "frame joint 3 3"]
     """Of the joint, by all detections."""
-    left: Float[np.ndarray, "frame camera joint 2 2"]
-    """Share of the covariance of each detection that is left in its residual."""
     residual_px: Float[np.ndarray, "frame camera joint 2"]
     """Against the joint without the detection."""
     covariance_px2: Float[np.ndarray, "frame camera joint 2 2"]
@@ -79,8 +72,8 @@ class DetectionResiduals:
     px_per_m: Float[np.ndarray, "frame camera joint"]
     """Scale of the image at the joint; 1 where not seen."""
     weights: Float[np.ndarray, "frame camera joint"]
-    redundancy: Float[np.ndarray, "frame camera joint"]
-    """Share of the variance of a detection that is left in its residual."""
+    contradictions: Contradictions
+    """What the views say of their errors, whatever the pose."""
     predictive_px: Float[np.ndarray, "frame camera joint 2"]
     """Residual against the pose without the detections of this camera."""
     predictive_px2: Float[np.ndarray, "frame camera joint 2 2"]
@@ -115,7 +108,7 @@ class DetectionResiduals:
             seen=seen,
             px_per_m=px_per_m,
             weights=weights,
-            redundancy=np.trace(others.left, axis1=-2, axis2=-1) / 2,
+            contradictions=Contradictions(residual_px, jacobian, information, px_per_m),
             predictive_px=others.residual_px,
             predictive_px2=others.covariance_px2,
             length_m=length_px / px_per_m,
@@ -131,36 +124,6 @@ class DetectionResiduals:
     def of_seen(self) -> tuple[Float[np.ndarray, "frame camera joint"], Float[np.ndarray, "frame camera joint"]]:
         """length_m and px_per_m; NaN where not seen."""
         return np.where(self.seen, self.length_m, np.nan), np.where(self.seen, self.px_per_m, np.nan)
-
-    @property
-    def tells(self) -> Bool[np.ndarray, "frame camera joint"]:
-        """Whose residual tells how large the errors of detections are."""
-        return self.seen & self.several & (self.redundancy > _LEAST_REDUNDANCY)
-
-    @property
-    def single_spread_m(self) -> Float[np.ndarray, "frame camera joint"]:
-        """What each detection alone says for the spread: half of those of a normal error say less."""
-        return self.length_m / np.sqrt(np.where(self.tells, self.redundancy, 1.0)) / MEDIAN_LENGTH
-
-    def spread_m(self, prior_m: float, independent: float) -> Float[np.ndarray, " camera"]:
-        """Standard deviation of the visible detections of each camera, along each axis of the image, at the joint.
-
-        Args:
-            prior_m: what it usually is.
-            independent: how much of an independent measurement each detection is.
-        """
-
-        def learned(which: np.ndarray, prior_m: float, prior_measurements: float) -> float:
-            if not which.any():
-                return prior_m
-            measurements = independent * float(self.weights[which].sum())
-            own_m = max(weighted_median(single_m[which], self.weights[which]), LEAST_SPREAD_M)
-            return float(shrunk(own_m, measurements, prior_m, prior_measurements))
-
-        tells, single_m = self.tells, self.single_spread_m
-        of_all_m = learned(tells, prior_m, PRIOR_MEASUREMENTS)
-        cameras = np.eye(self.seen.shape[1], dtype=bool)[:, None, :, None]
-        return np.array([learned(tells & of_camera, of_all_m, PRIOR_MEASUREMENTS_OF_CAMERA) for of_camera in cameras])
 
     def log_densities(
         self,
@@ -230,7 +193,6 @@ def without_own(
     without = _inverse(left)
     return WithoutOwn(
         covariance_m2=covariance_m2,
-        left=left,
         residual_px=np.einsum("tcjik,tcjk->tcji", without, residual_px),
         covariance_px2=np.einsum("tcjik,tcjkl->tcjil", without, projected_px2),
     )
@@ -272,26 +234,6 @@ def log_density_hidden(
     """
     anywhere = _log_density(residual_px, covariance_px2, scale_px, lambda squared: -1.5 * np.log1p(squared))
     return np.logaddexp(np.log(1 - _OTHER_JOINT_SHARE) + anywhere, np.log(_OTHER_JOINT_SHARE) + other)
-
-
-def with_spread(
-    evidence: Evidence, spread_m: Float[np.ndarray, " camera"], px_per_m: Float[np.ndarray, "frame camera joint"]
-) -> Evidence:
-    """The evidence with the standard deviations that the graph should take for detections of visible joints.
-
-    Args:
-        evidence: keeps its own where the scale is not known.
-        spread_m: of each camera; see DetectionResiduals.spread_m.
-        px_per_m: scale of the image at the joint; NaN where it is not known.
-    """
-    sigma_px = CORRELATED_FACTOR * spread_m[:, None] * px_per_m
-    return replace(evidence, sigma_px=np.where(np.isfinite(sigma_px), sigma_px, evidence.sigma_px))
-
-
-def spread_m_of(evidence: Evidence, px_per_m: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:
-    """The spread of each camera from which with_spread made the standard deviations; inf where it has no detection."""
-    spread_m = evidence.sigma_px / (CORRELATED_FACTOR * px_per_m)
-    return np.min(spread_m, axis=(0, 2), where=evidence.detected & np.isfinite(spread_m), initial=np.inf)
 
 
 def hidden_information(

@@ -13,11 +13,8 @@ from fgpose.estimation.evidence.detection_bias import Bias, RunningBias
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import CORRELATION_S, LEAST_SPREAD_M
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
-from fgpose.estimation.visibility.detection_residuals import (
-    PRIOR_MEASUREMENTS_OF_CAMERA,
-    DetectionResiduals,
-    lengths_m,
-)
+from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, lengths_m
+from fgpose.estimation.visibility.spread import PRIOR_MEASUREMENTS_OF_CAMERA
 from fgpose.estimation.visibility.visibility import (
     RESIDUALS_CORRELATED_S,
     independent,
@@ -195,11 +192,13 @@ class RunningVisibility:
         has_image: Bool[np.ndarray, " camera"],
     ) -> None:
         """Robbins and Monro's estimate of the weighted median that the batch takes."""
-        tells = residuals.tells[0] & has_image[:, None]
+        found = residuals.contradictions
+        tells = found.tells[0] & has_image[:, None]
         measurements = np.where(tells, independent(since_s, CORRELATION_S) * residuals.weights[0], 0.0)
         keep = np.where(has_image, np.exp(-since_s[:, 0] / _SPREAD_MEMORY_S), 1.0)
         self._measurements = keep * self._measurements + measurements.sum(axis=1)
-        larger = np.sum(measurements * np.sign(residuals.single_spread_m[0] - self._spread_m[:, None]), axis=1)
+        single_m = np.where(tells, found.single_spread_m[0], self._spread_m[:, None])
+        larger = np.sum(measurements * np.sign(single_m - self._spread_m[:, None]), axis=1)
         logs = _MEDIAN_GAIN * larger / (PRIOR_MEASUREMENTS_OF_CAMERA + self._measurements)
         self._spread_m = np.maximum(self._spread_m * np.exp(logs), LEAST_SPREAD_M)
 

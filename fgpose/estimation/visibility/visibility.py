@@ -19,12 +19,8 @@ from fgpose.estimation.evidence.detection_bias import ResidualSums
 from fgpose.estimation.evidence.evidence import PROBABLE, Evidence
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.visibility.agreement import Agreement
-from fgpose.estimation.visibility.detection_residuals import (
-    DetectionResiduals,
-    hidden_information,
-    spread_m_of,
-    with_spread,
-)
+from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, hidden_information
+from fgpose.estimation.visibility.spread import spread_m_of, with_spread
 from fgpose.estimation.visibility.visibility_chain import Chain, Stays
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import usual_step_s
@@ -69,7 +65,8 @@ def judged(
             bias = sums.bias(spread_m_of(evidence, rig.px_per_m(positions_m)))
             evidence = evidence.less_bias(positions_m, bias, rig)
     residuals = DetectionResiduals.of(positions_m, evidence, rig, config)
-    spread_m = residuals.spread_m(priors.sigma_m, float(np.median(independent(step_s, CORRELATION_S))))
+    measured = float(np.median(independent(step_s, CORRELATION_S)))
+    spread_m = residuals.contradictions.spread_m(residuals.weights, priors.sigma_m, measured)
     spread_of_joint_m = np.hypot(spread_m[:, None], moved_m[:, None])
     said = Agreement.of(residuals, spread_of_joint_m, spread_m, chain.usual, 0.0, rig, skeleton, priors)
     odds = said.log_odds * independent(step_s, RESIDUALS_CORRELATED_S)[:, None, None]
