@@ -447,8 +447,13 @@ def test_missing_keypoints_are_named(source: list[str], tmp_path: Path, capsys: 
     assert line == "fgpose: error: no/such/folder: No such file or directory\n"
 
 
-@pytest.mark.parametrize("what", ["empty", "garbage", "folder", "missing", "circle"])
-@pytest.mark.parametrize("command", ["smooth", "track", "refine", "info", "evaluate", "view", "detect", "run"])
+@pytest.mark.parametrize(
+    ("command", "what"),
+    [
+        *(("smooth", what) for what in ("empty", "garbage", "folder", "missing", "circle")),
+        *((command, "garbage") for command in ("track", "refine", "info", "evaluate", "view", "detect", "run")),
+    ],
+)
 def test_a_file_that_is_something_else_is_named(
     command: str, what: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

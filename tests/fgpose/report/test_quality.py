@@ -373,7 +373,7 @@ def hallucinated_arm(walk: FinishedRecording, n_cameras: int) -> list[str]:
     visibility[:270, :n_cameras, arm] = 0.1
     return [
         each.reason
-        for each in quality(changed(walk, visibility=visibility)).suspicions
+        for each in quality(changed(replace(walk, observations={}), visibility=visibility)).suspicions
         if each.code == "misplaced-joint"
     ]
 
