@@ -54,15 +54,16 @@ def _first_calls(plain: Callable[..., Any], checked: Callable[[], Callable[..., 
     return function
 
 
-def _kind(value: Any) -> Hashable:
-    """What annotations say something about: types, shapes, words and what containers hold."""
+def _kind(value: Any, depth: int = 3) -> Hashable:
+    """What annotations say something about: types, shapes, words and what containers hold; not deeper, for a list may
+    hold itself."""
     kind = type(value)
     if kind is np.ndarray:
         return value.dtype, value.shape
-    if kind is tuple or kind is list:
-        return kind, *map(_kind, value[:9])
-    if kind is dict:
-        return *value, *map(_kind, value.values())
+    if depth and (kind is tuple or kind is list):
+        return kind, *(_kind(each, depth - 1) for each in value[:9])
+    if depth and kind is dict:
+        return *value, *(_kind(each, depth - 1) for each in value.values())
     return value[:99] if kind is str else kind
 
 
