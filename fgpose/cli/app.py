@@ -18,7 +18,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TextIO, Union, runtime_checkable
+from typing import Annotated, Protocol, TextIO, runtime_checkable
 
 import numpy as np
 
@@ -163,22 +163,21 @@ def _parse(arguments: list[str]) -> Command:
         raise SystemExit(0)
     import tyro
 
-    known = _commands(arguments)
-    completed = getattr(known.get(arguments[0]), "completed", None)
+    known, name = _commands(arguments), arguments[0]
+    if name not in known:
+        say(f"fgpose: error: {printable(in_one_line('', arguments, known, ()) or '')}\n")
+        raise SystemExit(FAILED)
+    command = known[name]
+    completed = getattr(command, "completed", None)
     if completed is not None:
-        arguments = [arguments[0], *completed(arguments[1:])]
+        arguments = [name, *completed(arguments[1:])]
     _check_decimal_points(arguments)
     config, hides_parameters = _config_of(arguments), _HELP_ALL not in arguments and bool(_HELP & set(arguments))
-    arguments = ["--help" if argument == _HELP_ALL else argument for argument in arguments]
-    commands = []
-    for name, command in known.items():
-        if name in _ESTIMATORS:
-            # The values of --config become the defaults of the options, so that the command line overrides them.
-            command = _with_defaults(command, config, hidden=hides_parameters)
-        commands.append(Annotated[command, tyro.conf.subcommand(name)])
-    any_command: Any = Union[tuple(commands)]  # noqa: UP007
-    parse = partial(tyro.cli, any_command, prog="fgpose")
-    return _parsed(parse, arguments, known)
+    arguments = [name, *("--help" if argument == _HELP_ALL else argument for argument in arguments[1:])]
+    if name in _ESTIMATORS:
+        # The values of --config become the defaults of the options, so that the command line overrides them.
+        command = _with_defaults(command, config, hidden=hides_parameters)
+    return _parsed(partial(tyro.cli, command, prog=f"fgpose {name}"), arguments, known)
 
 
 def _parsed(parse: Callable[..., Command], arguments: list[str], known: Collection[str]) -> Command:
@@ -186,19 +185,17 @@ def _parsed(parse: Callable[..., Command], arguments: list[str], known: Collecti
     box = io.StringIO()
     try:
         with redirect_stderr(box):
-            return parse(args=arguments)
+            return parse(args=arguments[1:])
     except SystemExit as end:
         if end.code == FAILED:
-            line = in_one_line(_printed(parse, arguments), arguments, known, _options(parse, arguments, known))
+            line = in_one_line(_printed(parse, arguments[1:]), arguments, known, _options(parse, arguments))
             say(f"fgpose: error: {printable(line)}\n" if line else box.getvalue())
         raise
 
 
-def _options(parse: Callable[..., Command], arguments: list[str], known: Collection[str]) -> set[str]:
+def _options(parse: Callable[..., Command], arguments: list[str]) -> set[str]:
     """Of the command that the arguments name, or of its part (models pull)."""
-    if arguments[0] not in known:
-        return set()
-    words = itertools.takewhile(lambda argument: not argument.startswith("-"), arguments[:2])
+    words = itertools.takewhile(lambda argument: not argument.startswith("-"), arguments[1:2])
     return set(re.findall(r"--[\w.-]+", _printed(parse, [*words, "--help"])))
 
 

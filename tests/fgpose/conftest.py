@@ -38,8 +38,11 @@ def draw(points2d_px: np.ndarray, size_px: tuple[int, int]) -> Image:
 
 @pytest.fixture
 def without_search_for_faults(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For what is about commands: short recordings are smoothed a dozen times to find moved and late cameras."""
+    """For what is about commands: short recordings are smoothed a dozen times to find moved and late cameras, and
+    other orders of the joints and other lenses are tried where nothing contradicts those that are given."""
     monkeypatch.setattr("fgpose.diagnosis.camera_faults_checks.faults_of_short", lambda examined: [])
+    monkeypatch.setattr("fgpose.diagnosis.body.skeletons.better_order", lambda positions_m, skeleton: None)
+    monkeypatch.setattr("fgpose.diagnosis.hypotheses.geometry._clearly_better", lambda scene: False)
 
 
 @dataclass

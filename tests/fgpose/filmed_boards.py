@@ -27,14 +27,14 @@ def small(camera: Camera) -> Camera:
     return replace(camera, K=K, size_px=(round(width / SHRUNK), round(height / SHRUNK)))
 
 
-def film(folder: Path, n_common: int = 8, seed: int = 3) -> CameraRig:
+def film(folder: Path, n_common: int = 6, seed: int = 3) -> CameraRig:
     """A folder of images for each of two cameras that stand side by side in a ring of four. Returns the true rig."""
-    scene = simulate_boards(4, seed, board=FILMED, n_common=4 * n_common, n_near=9, radius_m=2.2)
+    scene = simulate_boards(4, seed, board=FILMED, n_common=4 * n_common, n_near=6, radius_m=2.2)
     rig = CameraRig(tuple(small(camera) for camera in scene.rig.cameras[:2]))
     seen = scene.sightings.shows_board[:, :2]
     # The board on the floor, in the gap between both, and near to each of them.
     common = 1 + 4 * np.arange(n_common)
-    moments = [0, *common.tolist(), *range(1 + 4 * n_common, 1 + 4 * n_common + 18)]
+    moments = [0, *common.tolist(), *range(1 + 4 * n_common, 1 + 4 * n_common + 12)]
     for c, camera in enumerate(rig.cameras):
         (folder / camera.name).mkdir(parents=True)
         for number, t in enumerate(moments):

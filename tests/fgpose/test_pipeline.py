@@ -46,6 +46,7 @@ from fgpose.pipeline.diagnosed import diagnosed
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import Recording, open_recording
 
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 SHORT_LAG = Config(online={"lag_s": 0.1})
 
 
@@ -369,7 +370,6 @@ def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(
     assert np.nanmean(motion**2) == pytest.approx(3.0, abs=0.1)
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 def test_a_recording_in_the_world_of_a_camera_stands_in_every_file(smoothed: Result, tmp_path: Path) -> None:
     """The real recording, once in a world with y down: the TRC stands, and says the same but for the heading."""
     world_R_up = z_up_R_world("-y").T
@@ -425,7 +425,6 @@ def test_keypoints_of_images_turned_by_caliscope_are_noticed(
     assert errors_px[1] == pytest.approx(errors_px[0], abs=1e-2)
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.parametrize(("n_moved", "said"), [(3, True), (2, False)])
 def test_a_refinement_that_leaves_nothing_to_hold_the_world_is_said(
     source: Source[Observations], smoothed: Result, n_moved: int, said: bool
@@ -455,7 +454,11 @@ def test_failures_of_gtsam_are_said_where_there_were_some(
     assert reason.startswith("GTSAM has failed 3 times")
 
 
-def test_advice_that_was_followed_is_not_given_again(source: Source[Observations], smoothed: Result) -> None:
+def test_advice_that_was_followed_is_not_given_again(
+    source: Source[Observations], smoothed: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()  # the fault is searched for
+
     def remedies(estimated: tuple[str, ...]) -> set[str]:
         result = replace(smoothed, source=replace(source, origin=Origin(rig=source.rig, estimated=estimated)))
         diagnosis = diagnosed(result).diagnosis

@@ -31,7 +31,7 @@ def error_mm(result: MethodResult, recording: BenchmarkRecording) -> float:
 
 @pytest.fixture(scope="module")
 def perfect() -> BenchmarkRecording:
-    return record(replace(find_variant("clean"), noise=NEARLY_PERFECT), CLIP, 15)
+    return record(replace(find_variant("clean"), noise=NEARLY_PERFECT), CLIP, 8)
 
 
 @pytest.fixture(scope="module")

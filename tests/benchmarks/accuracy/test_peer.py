@@ -12,10 +12,10 @@ from fgpose_benchmarks.accuracy import peer_methods as lines
 from fgpose_benchmarks.accuracy.peer import PeerSettings, find_peer, running_peer
 from fgpose_benchmarks.accuracy.peer_methods import BEST, DEFAULT, peer_methods
 from fgpose_benchmarks.accuracy.variants import find_variant, record
+from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.synthetic import NO_NOISE
 
 REAL = find_peer()
-RECORDING = record(find_variant("clean"), "cmu_02_05", 8)
 # Answers like peer_server.py; its result is scale_smooth everywhere, and it dies at 13.
 STAND_IN = """
 import json, sys
@@ -37,6 +37,11 @@ for line in sys.stdin:
 """
 
 
+@pytest.fixture(scope="module")
+def recording() -> BenchmarkRecording:
+    return record(find_variant("clean"), "cmu_02_05", 8)
+
+
 @pytest.fixture
 def stand_in(tmp_path: Path) -> Path:
     """A program that is called as a Python and answers as the server."""
@@ -52,28 +57,28 @@ def settings(scale_smooth: float, *, scores: bool = False) -> PeerSettings:
     return PeerSettings(scores, {"scale_smooth": scale_smooth})
 
 
-def test_requests_and_answers(stand_in):
+def test_requests_and_answers(stand_in, recording):
     with running_peer(stand_in) as peer:
         assert peer.version == "0.0"
         for given, value in ((PeerSettings(), 0.0), (settings(3.0), 3.0), (settings(3.0, scores=True), 4.0)):
-            result = peer.solve(RECORDING.observations, RECORDING.rig, given)
-            np.testing.assert_array_equal(result.positions_m, np.full(RECORDING.truth_m.shape, value))
+            result = peer.solve(recording.observations, recording.rig, given)
+            np.testing.assert_array_equal(result.positions_m, np.full(recording.truth_m.shape, value))
             assert (result.wall_s, result.cpu_s) == (1.0 + value, 2.0)
 
 
-def test_variances_that_it_states_are_taken(stand_in):
-    result = lines._smoothed(stand_in, PeerSettings(optim={"inflate_vars": True}), RECORDING)
+def test_variances_that_it_states_are_taken(stand_in, recording):
+    result = lines._smoothed(stand_in, PeerSettings(optim={"inflate_vars": True}), recording)
     lines._peer.cache_clear()
     assert result.covariance_m2 is not None
     np.testing.assert_array_equal(result.covariance_m2, np.broadcast_to(4.0 * np.eye(3), result.covariance_m2.shape))
 
 
-def test_its_death_tells_what_it_wrote(stand_in):
+def test_its_death_tells_what_it_wrote(stand_in, recording):
     with running_peer(stand_in) as peer:
         with pytest.raises(OSError, match="aniposelib ended: out of luck"):
-            peer.solve(RECORDING.observations, RECORDING.rig, settings(13.0))
+            peer.solve(recording.observations, recording.rig, settings(13.0))
         with pytest.raises(OSError, match="aniposelib ended"):
-            peer.solve(RECORDING.observations, RECORDING.rig, settings(1.0))
+            peer.solve(recording.observations, recording.rig, settings(1.0))
 
 
 def test_an_environment_without_it_is_refused():
@@ -83,10 +88,10 @@ def test_an_environment_without_it_is_refused():
         pass
 
 
-def test_the_truth_chooses_the_best_setting(stand_in):
-    truth_m = np.full_like(RECORDING.truth_m, 5.0)
+def test_the_truth_chooses_the_best_setting(stand_in, recording):
+    truth_m = np.full_like(recording.truth_m, 5.0)
     choices = (settings(2.0), settings(6.0), settings(9.0))
-    result = lines._solve(stand_in, choices, replace(RECORDING, truth_m=truth_m))
+    result = lines._solve(stand_in, choices, replace(recording, truth_m=truth_m))
     lines._peer.cache_clear()
     np.testing.assert_array_equal(result.positions_m, np.full_like(truth_m, 6.0))
     assert result.time_s == 7.0  # of that setting alone

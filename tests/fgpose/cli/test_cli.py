@@ -35,6 +35,7 @@ from fgpose.live.clock import Clock
 from fgpose.pipeline import Outputs, Source
 from fgpose_benchmarks.synthetic import Scene
 
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 COMMANDS = (
     "demo",
     "calibrate",
@@ -124,7 +125,6 @@ def test_demo(recording: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert demo.covariance_m2 is not None
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 def test_smooth_takes_every_parameter(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--projection.sigma-px", "4", "--symmetry.form", "none", "--solver.no-covariance"]
     assert main(["smooth", *source, "--output", str(tmp_path), "--name", "mine", *options]) == 0
@@ -152,7 +152,6 @@ def test_refine_calibration(source: list[str], tmp_path: Path, capsys: pytest.Ca
     np.testing.assert_allclose(residual_px, trajectory.residual_px, atol=1e-3)
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.parametrize("with_poses", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_estimate_time_offsets(
     with_poses: bool, tmp_path: Path, walking_scene: Scene, capsys: pytest.CaptureFixture[str]
@@ -212,7 +211,6 @@ def test_a_recording_can_be_used_again_with_the_calibration_that_was_written(
     assert "Use --estimate-time-offsets" in printed
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 def test_command_line_overrides_the_file(source: list[str], tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("[projection]\nsigma_px = 9.0\nkernel_scale = 2.5\n")
@@ -223,7 +221,6 @@ def test_command_line_overrides_the_file(source: list[str], tmp_path: Path) -> N
     assert (config.projection.sigma_px, config.projection.kernel_scale) == (7.0, 2.5)
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 def test_track_writes_newest_and_lagged(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--output", str(tmp_path), "--online.lag-s", "0.05", "--formats", "npz", "rrd"]
     assert main(["track", *source, *options]) == 0
@@ -233,7 +230,6 @@ def test_track_writes_newest_and_lagged(source: list[str], tmp_path: Path, capsy
     assert load_trajectory(tmp_path / "walk_online.npz").n_frames == 10
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.parametrize("command", [pytest.param("smooth", marks=pytest.mark.slow), "track"])
 def test_live_serves_until_ctrl_c(
     command: str,
@@ -298,7 +294,6 @@ def test_evaluate_against_itself(folder: Path, tmp_path: Path, capsys: pytest.Ca
     assert mpjpe.split()[-1] == "0.0"
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.filterwarnings("default:2 of 3 windows were solved")
 def test_an_interrupted_run_goes_on_where_it_was(
     source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -447,8 +442,13 @@ def test_missing_keypoints_are_named(source: list[str], tmp_path: Path, capsys: 
     assert line == "fgpose: error: no/such/folder: No such file or directory\n"
 
 
-@pytest.mark.parametrize("what", ["empty", "garbage", "folder", "missing", "circle"])
-@pytest.mark.parametrize("command", ["smooth", "track", "refine", "info", "evaluate", "view", "detect", "run"])
+@pytest.mark.parametrize(
+    ("command", "what"),
+    [
+        *(("smooth", what) for what in ("empty", "garbage", "folder", "missing", "circle")),
+        *((command, "garbage") for command in ("track", "refine", "info", "evaluate", "view", "detect", "run")),
+    ],
+)
 def test_a_file_that_is_something_else_is_named(
     command: str, what: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -518,7 +518,6 @@ def test_missing_package_is_one_line(
     assert 'pip install "fgpose[c3d]"' in line
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.filterwarnings("default:no .rrd file")
 @pytest.mark.parametrize(
     "command", [pytest.param("smooth", marks=pytest.mark.slow), "track", pytest.param("refine", marks=pytest.mark.slow)]
@@ -537,7 +536,6 @@ def test_without_rerun_all_else_is_written(
     assert "needs Rerun" in failure([command, *source, "--output", str(tmp_path), "--formats", "trc", "rrd"], capsys)
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.filterwarnings("default:no .rrd file")
 def test_the_demonstration_without_rerun(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -614,7 +612,6 @@ def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path
     assert np.isfinite(load_trajectory(tmp_path / "walk_refined.npz").positions_m).any()
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.parametrize(
     ("formats", "live"),
     [
@@ -645,7 +642,6 @@ def test_a_format_that_fails_does_not_take_the_others_along(
     assert (tmp_path / "walk.rrd").stat().st_size > 1000
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 @pytest.mark.parametrize("live", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_viewer_file_that_fails_does_not_take_the_others_along(
     live: bool,
@@ -687,7 +683,6 @@ def test_a_port_that_is_taken_is_found_before_the_work(
     assert f":{port}" in line
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 def test_a_recording_shorter_than_the_lag_does_not_replace_its_input(folder: Path, tmp_path: Path) -> None:
     """It has no lagged estimates, so one trajectory is written alone: still under its own name."""
     for name in ("walk.npz", "Calib.toml"):
@@ -698,7 +693,6 @@ def test_a_recording_shorter_than_the_lag_does_not_replace_its_input(folder: Pat
     assert load_trajectory(tmp_path / "walk_online.npz").n_frames == 10
 
 
-@pytest.mark.usefixtures("without_search_for_faults")
 def test_the_calibration_that_is_read_is_not_replaced(
     source: list[str], folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,6 +12,7 @@ import fgpose
 from fgpose.cli import main
 from fgpose.io.skeletons import load_skeleton
 
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 COMMANDS = ("smooth", "track")
 
 

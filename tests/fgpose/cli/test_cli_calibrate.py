@@ -26,6 +26,7 @@ from tests.wrong_rigs import turned
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresNetwork, SquaresScene
 
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 NAMES = ("cam1", "cam2", "cam3")
 COARSE = CalibrationFinding("cam3", Grade.COARSE, "the person was on one line only", "walk across its view")
 WHOLE = Reason("", "coarse", "few people", "walk longer")

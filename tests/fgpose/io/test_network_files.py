@@ -81,25 +81,26 @@ def test_one_file_for_each_image(tmp_path: Path, rig: CameraRig, form: str, nest
     assert (observations.confidence == 0.5).all()
 
 
-@pytest.mark.parametrize("form", SAVES)
+NESTS: dict[str, Callable[[Any], Any]] = {
+    "list of people": lambda people: people,
+    "list of images": lambda people: [[each] for each in people],
+    "table of frames": lambda people: {
+        "video_info": {"fps": FPS},
+        "frames": [{"frame_idx": f, "people": [p]} for f, p in enumerate(people)],
+    },
+    "by image": lambda people: {f"image_{frame:04d}.jpg": [person] for frame, person in enumerate(people)},
+    "stacked": stacked,
+    "stacked with people": lambda people: {key: value[:, None] for key, value in stacked(people).items()},
+}
+
+
 @pytest.mark.parametrize(
-    "nest",
-    [
-        lambda people: people,
-        lambda people: [[each] for each in people],
-        lambda people: {
-            "video_info": {"fps": FPS},
-            "frames": [{"frame_idx": f, "people": [p]} for f, p in enumerate(people)],
-        },
-        lambda people: {f"image_{frame:04d}.jpg": [person] for frame, person in enumerate(people)},
-        stacked,
-        lambda people: {key: value[:, None] for key, value in stacked(people).items()},
-    ],
-    ids=["list of people", "list of images", "table of frames", "by image", "stacked", "stacked with people"],
+    ("form", "nest"),
+    [*((form, "stacked") for form in SAVES), *(("pickle", nest) for nest in NESTS if nest != "stacked")],
 )
-def test_one_file_for_each_camera(tmp_path: Path, rig: CameraRig, form: str, nest: Callable[[Any], Any]) -> None:
+def test_one_file_for_each_camera(tmp_path: Path, rig: CameraRig, form: str, nest: str) -> None:
     suffix, save = SAVES[form]
-    write_cameras(tmp_path, rig, lambda people, camera: save(nest(people), tmp_path / f"{camera.name}{suffix}"))
+    write_cameras(tmp_path, rig, lambda people, camera: save(NESTS[nest](people), tmp_path / f"{camera.name}{suffix}"))
     assert_true(load(tmp_path, rig)[0], rig)
 
 

@@ -60,10 +60,6 @@ def test_many_are_in_the_table_only(walk: FinishedRecording) -> None:
     assert "Vertical lines" not in section.intro
 
 
-def test_none_is_no_section(walk: FinishedRecording) -> None:
-    assert "Events" not in [section.title for section in sections(walk)]
-
-
 @pytest.mark.slow
 def test_the_page_of_a_study_has_them(walk: FinishedRecording, tmp_path: Path) -> None:
     own = tmp_path / "recordings" / NAME

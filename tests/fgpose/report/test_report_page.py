@@ -66,6 +66,7 @@ def test_a_report_has_all_sections_and_loads_nothing(walk: FinishedRecording, tm
         "Cameras, calibration and clocks", "Worst moments", "What was recorded, and with what",
     ):  # fmt: skip
         assert re.search(f'<h2 id="[a-z]+-title">{heading}</h2>', page)
+    assert ">Events</h2>" not in page  # nothing was noted
     assert not LOADS.search(page)
     assert "default-src 'none'" in page
     # Tables are tables, and figures are valid JSON.

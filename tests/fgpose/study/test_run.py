@@ -241,14 +241,16 @@ def test_a_lock_that_leads_elsewhere_empties_nothing(study_file: Path, tmp_path:
 @pytest.mark.parametrize(
     "name", ["recordings", "recordings/S01", "recordings/S01/run/motion.parquet", "motion", "quality.csv"]
 )
-def test_results_are_not_written_through_a_link(name: str, study_file: Path, tmp_path: Path) -> None:
+def test_results_are_not_written_through_a_link(
+    name: str, study_file: Path, client: distributed.Client, tmp_path: Path
+) -> None:
     study, elsewhere = load_study(study_file), tmp_path / "elsewhere"
     elsewhere.mkdir()
     link = study.output / name
     link.parent.mkdir(parents=True)
     link.symlink_to(elsewhere)
     with pytest.raises(OSError, match=rf"{link} is a link, to {elsewhere}: results of a study are"):
-        run_study(study, n_workers=1)
+        run_with(client, study)
     assert list(elsewhere.iterdir()) == []
 
 

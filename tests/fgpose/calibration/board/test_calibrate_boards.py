@@ -23,7 +23,7 @@ from fgpose_benchmarks.synthetic.boards import BoardScene, seen_px, simulate_boa
 
 def simulated(n_cameras: int, seed: int, noise_px: float = 0.2, model: LensModel = "pinhole") -> BoardScene:
     """Small, so that it is quickly calibrated."""
-    return simulate_boards(n_cameras, seed, noise_px=noise_px, n_common=16, n_near=9, model=model)
+    return simulate_boards(n_cameras, seed, noise_px=noise_px, n_common=12, n_near=6, model=model)
 
 
 @pytest.fixture(scope="module")

@@ -65,7 +65,7 @@ def test_they_agree_where_nothing_is_judged(
 
 def test_it_is_at_least_as_good(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """With two occluded cameras, where all depends on what is judged."""
-    recording, rig = scene(rig, skeleton, 100, Occlusion()), rig.subset(rig.names[:2])
+    recording, rig = scene(rig, skeleton, 50, Occlusion()), rig.subset(rig.names[:2])
     mean_m = []
     for solver in ("isam2", "window"):
         estimator = fgpose.Estimator(rig, skeleton, by(solver, online={"lag_s": 0.2}))
@@ -105,12 +105,12 @@ def test_a_late_image_opens_a_frame_again(rig: fgpose.CameraRig, skeleton: fgpos
     [lambda estimator: pickle.loads(pickle.dumps(estimator)), pytest.param(copy.deepcopy, marks=pytest.mark.slow)],
 )
 def test_it_goes_on_where_it_was_saved(continued: Any, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
-    recording = scene(rig, skeleton, 60, Occlusion())
+    recording = scene(rig, skeleton, 36, Occlusion())
     estimator = fgpose.Estimator(rig, skeleton, by("window", online={"smoothed_covariance": True}))
-    for frame in recording.observations.frames(slice(0, 40)):
+    for frame in recording.observations.frames(slice(0, 30)):
         estimator.update(frame)
     other = continued(estimator)
-    for frame in recording.observations.frames(slice(40, None)):
+    for frame in recording.observations.frames(slice(30, None)):
         one, same = estimator.update(frame), other.update(frame)
         np.testing.assert_array_equal(one.positions_m, same.positions_m)
         np.testing.assert_array_equal(one.covariance_m2, same.covariance_m2)
