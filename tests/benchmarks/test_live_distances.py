@@ -31,7 +31,7 @@ def test_no_distance_is_too_large_without_a_fault() -> None:
 
 
 @pytest.mark.parametrize(
-    ("session", "duration_s"), [(0, 150.0), *(pytest.param(n, 600.0, marks=pytest.mark.slow) for n in range(3))]
+    ("session", "duration_s"), [(0, 300.0), *(pytest.param(n, 600.0, marks=pytest.mark.slow) for n in range(6))]
 )
 def test_no_distance_is_too_large_in_an_hour_of_faults_of_every_kind(
     session: int, duration_s: float, monkeypatch: pytest.MonkeyPatch
