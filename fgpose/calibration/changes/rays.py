@@ -105,8 +105,8 @@ def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], ste
         there = np.isfinite(stamp_s)
         stamp_s = stamp_s[there]
         taken_s = stamp_s + camera.time_offset_s + later_s(changes, c, stamp_s)
-        images = np.ix_(there, joints)
-        seen_px, confidence = _undistorted_px(camera, own.points2d_px[:, c], images), own.confidence[:, c][images]
+        seen_px = _undistorted_px(camera, own.points2d_px[:, c], np.flatnonzero(there), joints)
+        confidence = own.confidence[there, c][:, joints]
         for part in parts_of(len(time_s)):
             at_s = time_s[part]
             at_px, at_weight = between_images(taken_s, seen_px, at_s), smaller_around(taken_s, confidence, at_s)
@@ -125,13 +125,15 @@ def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], ste
 
 
 def _undistorted_px(
-    camera: Camera, points_px: Float[np.ndarray, "frame joint 2"], chosen: tuple[np.ndarray, np.ndarray]
+    camera: Camera,
+    points_px: Float[np.ndarray, "frame joint 2"],
+    images: Int[np.ndarray, " image"],
+    joints: Int[np.ndarray, " chosen"],
 ) -> Float[np.ndarray, "image chosen 2"]:
     """Some of the points of some images."""
-    images, joints = chosen
-    undistorted_px = np.empty((images.size, joints.size, 2))
-    for part in parts_of(images.size):
-        undistorted_px[part] = camera.undistort(points_px[images[part], joints])
+    undistorted_px = np.empty((len(images), len(joints), 2))
+    for part in parts_of(len(images)):
+        undistorted_px[part] = camera.undistort(points_px[images[part]][:, joints])
     return undistorted_px
 
 
