@@ -35,8 +35,9 @@ class Status(IntEnum):
 
 def joint_status(active: Bool[np.ndarray, "*frames joint"], observed: Bool[np.ndarray, "*frames joint"]) -> np.ndarray:
     """Status of every joint and frame, of the same shape."""
-    status = np.where(active & observed, Status.OBSERVED, Status.PREDICTED)
-    return np.where(active, status, Status.UNOBSERVABLE).astype(np.int8)
+    # As Python's numbers they would take eight bytes each.
+    status = np.where(active & observed, np.int8(Status.OBSERVED), np.int8(Status.PREDICTED))
+    return np.where(active, status, np.int8(Status.UNOBSERVABLE))
 
 
 @dataclass(frozen=True)

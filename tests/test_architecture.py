@@ -45,6 +45,7 @@ FLOORS = (
         "correspondences",
         "extensions",
         "finding",
+        "freed_memory",
         "observations",
         "parameters",
         "people_observations",

@@ -47,6 +47,7 @@ from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, no
 from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
 from fgpose.diagnosis.unfollowed import causes_of_unfollowed
 from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
 from fgpose.kinematics.vertical import find_up
@@ -214,6 +215,7 @@ def _diagnosed(examined: Examined) -> Diagnosis:
                 found += check(examined)
             except NotJudgedError as reason:
                 not_judged.setdefault(what, str(reason))
+            hand_back()
     judged = tuple(what for what in INPUT_CHECKS if what not in not_judged)
     if examined.result is not None:
         found += [*_of_result(examined.result), *examined.result.known_findings]
@@ -222,4 +224,8 @@ def _diagnosed(examined: Examined) -> Diagnosis:
 
 
 def _of_result(result: FinishedRecording) -> list[Finding]:
-    return [finding for check in RESULT_CHECKS for finding in check(result)]
+    found = []
+    for check in RESULT_CHECKS:
+        found += check(result)
+        hand_back()
+    return found

@@ -189,7 +189,8 @@ class Recording:
         known: BoneLengths | None = None,
     ) -> Recording:
         """With what the first guess tells."""
-        time_s, of_frames_m = evidence.time_s[here], evidence.guess_m[here]
+        known_m = evidence.hand_over_guess_m() if isinstance(evidence, Gathered) else evidence.guess_m
+        time_s, of_frames_m = evidence.time_s[here], known_m[here]
         guess_m = fill_gaps(of_frames_m, time_s)
         active = active_joints(of_frames_m, time_s, config.motion)
         lengths_m = median_lengths(skeleton, guess_m)

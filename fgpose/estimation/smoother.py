@@ -33,6 +33,7 @@ from fgpose.estimation.solvers.optimum import optimum
 from fgpose.estimation.visibility.sole_views import with_distances
 from fgpose.estimation.visibility.visibility import judged
 from fgpose.estimation.windows import Window, cut_windows
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import spread_evenly
@@ -144,6 +145,7 @@ def smooth_evidence(
             solved.append(solution.frames(window.contributed_of_solved))
             if progress:
                 progress(window.contributed.stop, recording.n_frames)
+    hand_back()
     return replace(_trajectory(recording, windows, solved), other_bone=other)
 
 

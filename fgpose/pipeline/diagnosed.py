@@ -13,12 +13,12 @@ from fgpose.calibration.rig_refinement import has_moved
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.finding import Code, Finding, Severity
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
-from fgpose.pipeline.freed_memory import hand_back
 from fgpose.pipeline.result import Result
 from fgpose.trajectory import Trajectory
 

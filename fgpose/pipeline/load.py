@@ -8,6 +8,7 @@ from typing import Any, Literal, TypedDict, Unpack
 
 from fgpose.association.chosen_person import PersonRegion
 from fgpose.association.common_clock import on_common_clock
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.keypoints import keypoint_cameras, load_recording
@@ -15,7 +16,6 @@ from fgpose.io.names import counted_otherwise, seen_cameras
 from fgpose.io.skeletons.stated import stated_skeleton
 from fgpose.observations import check_confidence
 from fgpose.pipeline.detected_orientation import as_detected
-from fgpose.pipeline.freed_memory import hand_back
 from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.source import AnySource, Source
 from fgpose.plain_files import naming

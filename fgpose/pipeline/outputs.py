@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.finding import Code
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
 from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable, not_written
@@ -25,7 +26,6 @@ from fgpose.io.trajectories import check_output, people_paths, save_people
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.vertical import find_up
 from fgpose.people_observations import PeopleObservations
-from fgpose.pipeline.freed_memory import hand_back
 from fgpose.pipeline.result import Result, show
 from fgpose.pipeline.source import AnySource
 from fgpose.sampling import thinning

@@ -17,6 +17,7 @@ from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.estimation.windows import cut_windows
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
@@ -96,6 +97,7 @@ def _show_compared(result: Result, recording: Recording) -> None:
     source, main, every = result.source, result.main[0], result.compared_every
     shown = slice(None, None, every)
     weights, undistorted_px = _weighted(source.gathered(result.config), np.arange(main.n_frames)[shown])
+    hand_back()
     if main.visibility is not None:
         weights *= np.nan_to_num(main.visibility[shown])
     recording.log_observations(source.observations.frames(shown), weights, undistorted_px, every)
@@ -103,7 +105,9 @@ def _show_compared(result: Result, recording: Recording) -> None:
         recording.log_trajectory(name, people[0], 1 if name in result.saved else every)
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
     if "refined" not in result.saved:
-        recording.log_residuals(main.time_s[shown], _residuals(result), every)
+        residuals = _residuals(result)
+        hand_back()
+        recording.log_residuals(main.time_s[shown], residuals, every)
     if result.update_ms is not None:
         recording.log_update_times(result.frame_time_s, result.update_ms)
 
@@ -111,10 +115,11 @@ def _show_compared(result: Result, recording: Recording) -> None:
 def _weighted(
     evidence: Evidence | Gathered, frames: Int[np.ndarray, " frame"]
 ) -> tuple[Float[np.ndarray, "frame camera joint"], Float[np.ndarray, "frame camera joint 2"]]:
-    """The weight and the undistorted place of each detection in some frames, of a few frames at a time: all that is
-    gathered of them takes ten times as much memory."""
+    """The weight and the undistorted place of each detection in some frames, in single precision, as the viewer shows
+    them; of a few frames at a time: all that is gathered of them takes ten times as much memory."""
     parts = (evidence.frames(some) for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)))
-    weights, undistorted_px = zip(*((part.weights, part.undistorted_px) for part in parts), strict=True)
+    of_parts = ((part.weights.astype(np.float32), part.undistorted_px.astype(np.float32)) for part in parts)
+    weights, undistorted_px = zip(*of_parts, strict=True)
     return np.concatenate(weights), np.concatenate(undistorted_px)
 
 
@@ -129,6 +134,6 @@ def _residuals(result: Result) -> dict[str, Float[np.ndarray, "frame joint"]]:
         residuals = whitened_residuals(of_window, known, rig, config)
         of_solved, every = window.contributed_of_solved, result.compared_every
         shown = slice(of_solved.start + -window.contributed.start % every, of_solved.stop, every)
-        # A view would keep the residuals of all frames.
-        parts.append({factor: each[shown].copy() for factor, each in residuals.items()})
+        # A view would keep the residuals of all frames. The viewer shows two digits.
+        parts.append({factor: each[shown].astype(np.float32) for factor, each in residuals.items()})
     return {factor: np.concatenate([part[factor] for part in parts]) for factor in parts[0]}

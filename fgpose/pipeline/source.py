@@ -14,13 +14,13 @@ from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered, gather_long
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import load_trajectory
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import PeopleObservations
-from fgpose.pipeline.freed_memory import hand_back
 from fgpose.plain_files import naming
 from fgpose.skeleton import BoneLengths
 

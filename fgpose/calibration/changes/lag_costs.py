@@ -202,10 +202,15 @@ def lag_costs(rays: Rays, blocks: Blocks, n_lags: int) -> LagCosts:
     pairs = tuple(combinations(range(rays.n_cameras), 2))
     cost, scale = {}, {}
     for pair in pairs:
-        angles, weight = _angles(rays, blocks, *pair, n_lags)
-        scale[pair] = _scale(angles, blocks)
-        cost[pair] = _finer(_by_block(robust(angles, scale[pair]), weight, blocks) * independent(blocks))
+        cost[pair], scale[pair] = _of_pair(rays, blocks, *pair, n_lags)
     return LagCosts(blocks, rays.step_s / PER_STEP, pairs, cost, scale)
+
+
+def _of_pair(rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int) -> tuple[Float[np.ndarray, "block lag"], float]:
+    angles, weight = _angles(rays, blocks, a, b, n_lags)
+    scale = _scale(angles, blocks)
+    angles = robust(angles, scale)  # in their place: of an hour each takes 20 MB
+    return _finer(_by_block(angles, weight, blocks) * independent(blocks)), scale
 
 
 def _angles(
@@ -228,7 +233,8 @@ def _angles(
         with np.errstate(invalid="ignore", divide="ignore"):
             angles[there, k + n_lags] = dot(from_one[there], ray) / length
         weights[there, k + n_lags] = np.minimum(weight[there], rays.weight[b, other[there]])
-    return angles, np.where(np.isfinite(angles), weights, 0.0)
+    weights[~np.isfinite(angles)] = 0.0
+    return angles, weights
 
 
 def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks) -> float:
@@ -251,7 +257,8 @@ def _by_block(
     as the others on average."""
     order = np.argsort(blocks.block, kind="stable")
     begins = np.searchsorted(blocks.block[order], np.arange(blocks.n_blocks))
-    counted = np.where(weight > 0, np.nan_to_num(cost) * weight, 0.0)
+    counted = np.nan_to_num(cost)
+    counted *= weight
     total, seen, number = (
         np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0) for each in (counted, weight, weight > 0)
     )

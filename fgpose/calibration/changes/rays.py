@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.changes.change import Change, later_s, pieces
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import between_images, parts_of, smaller_around, spread_evenly, usual_step_s
 
@@ -27,16 +27,26 @@ class Rays:
     step_s: float
     direction: Float[np.ndarray, "camera time joint 3"]
     """Unit vectors in the world; NaN: not seen."""
-    centre_m: Float[np.ndarray, "camera time 3"]
-    """Where each camera was."""
-    world_R_camera: Float[np.ndarray, "camera time 3 3"]
-    """How each camera was turned."""
     weight: Float[np.ndarray, "camera time joint"]
     """Confidence; zero where not seen."""
+    pose: Int[np.ndarray, "camera time"]
+    """Which of the poses each camera had."""
+    world_T_camera: Float[np.ndarray, "pose 4 4"]
+    """The last one is NaN: of cameras without an image."""
 
     @property
     def n_cameras(self) -> int:
         return len(self.direction)
+
+    @property
+    def centre_m(self) -> Float[np.ndarray, "camera time 3"]:
+        """Where each camera was."""
+        return self.world_T_camera[:, :3, 3][self.pose]
+
+    @property
+    def world_R_camera(self) -> Float[np.ndarray, "camera time 3 3"]:
+        """How each camera was turned."""
+        return self.world_T_camera[:, :3, :3][self.pose]
 
     def between(self, first: int, end: int) -> Rays:
         """Some of the grid."""
@@ -45,9 +55,9 @@ class Rays:
             self.time_s[part],
             self.step_s,
             self.direction[:, part],
-            self.centre_m[:, part],
-            self.world_R_camera[:, part],
             self.weight[:, part],
+            self.pose[:, part],
+            self.world_T_camera,
         )
 
 
@@ -74,11 +84,10 @@ def rays_of(
         return first  # without a copy: an hour of four cameras takes 0.15 GB
     every = [first, *others]
     time_s = np.concatenate([each.time_s for each in every])
-    direction, centre_m, world_R_camera, weight = (
-        np.concatenate([getattr(each, name) for each in every], axis=1)
-        for name in ("direction", "centre_m", "world_R_camera", "weight")
+    direction, weight, pose = (
+        np.concatenate([getattr(each, name) for each in every], axis=1) for name in ("direction", "weight", "pose")
     )
-    return Rays(time_s, step_s, direction, centre_m, world_R_camera, weight)
+    return Rays(time_s, step_s, direction, weight, pose, first.world_T_camera)
 
 
 def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], step_s: float, n_gap: int) -> Rays:
@@ -88,30 +97,44 @@ def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], ste
     of_cameras = rig.n_cameras, len(time_s) + n_gap
     direction = np.full((*of_cameras, len(joints), 3), np.nan, dtype=np.float32)
     weight = np.zeros((*of_cameras, len(joints)), dtype=np.float32)
-    centre_m, world_R_camera = np.full((*of_cameras, 3), np.nan), np.full((*of_cameras, 3, 3), np.nan)
+    held = [(c, *piece) for c, camera in enumerate(rig.cameras) for piece in pieces(changes, c, camera)]
+    world_T_camera = np.array([*(each for *_, each in held), np.full((4, 4), np.nan)])
+    pose = np.full(of_cameras, len(held))
     for c, camera in enumerate(rig.cameras):
         stamp_s = own.frame_time_s if own.time_s.ndim == 1 else own.time_s[:, c]
         there = np.isfinite(stamp_s)
         stamp_s = stamp_s[there]
         taken_s = stamp_s + camera.time_offset_s + later_s(changes, c, stamp_s)
-        seen_px, confidence = (
-            camera.undistort(own.points2d_px[there, c][:, joints]),
-            own.confidence[there, c][:, joints],
-        )
-        poses = pieces(changes, c, camera)
+        seen_px = _undistorted_px(camera, own.points2d_px[:, c], np.flatnonzero(there), joints)
+        confidence = own.confidence[there, c][:, joints]
         for part in parts_of(len(time_s)):
             at_s = time_s[part]
             at_px, at_weight = between_images(taken_s, seen_px, at_s), smaller_around(taken_s, confidence, at_s)
             image = np.searchsorted(taken_s, at_s + 1e-9, side="right") - 1
             stamps_s = stamp_s[np.maximum(image, 0)] if there.any() else at_s
-            for since_s, until_s, pose in poses:
+            for number, (of_camera, since_s, until_s, turned) in enumerate(held):
+                if of_camera != c:
+                    continue
                 holds = part.start + np.flatnonzero((stamps_s >= since_s) & (stamps_s < until_s))
                 normalized = (at_px[holds - part.start] - camera.K[:2, 2]) / np.diag(camera.K)[:2]
-                ray = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ pose[:3, :3].T
+                ray = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ turned[:3, :3].T
                 direction[c, holds] = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
-                centre_m[c, holds], world_R_camera[c, holds] = pose[:3, 3], pose[:3, :3]
+                pose[c, holds] = number
             weight[c, part] = np.where(np.isfinite(direction[c, part]).all(axis=-1), at_weight, 0.0)
-    return Rays(np.append(time_s, np.full(n_gap, np.nan)), step_s, direction, centre_m, world_R_camera, weight)
+    return Rays(np.append(time_s, np.full(n_gap, np.nan)), step_s, direction, weight, pose, world_T_camera)
+
+
+def _undistorted_px(
+    camera: Camera,
+    points_px: Float[np.ndarray, "frame joint 2"],
+    images: Int[np.ndarray, " image"],
+    joints: Int[np.ndarray, " chosen"],
+) -> Float[np.ndarray, "image chosen 2"]:
+    """Some of the points of some images."""
+    undistorted_px = np.empty((len(images), len(joints), 2))
+    for part in parts_of(len(images)):
+        undistorted_px[part] = camera.undistort(points_px[images[part]][:, joints])
+    return undistorted_px
 
 
 def chosen_joints(own: Observations) -> Int[np.ndarray, " joint"]:

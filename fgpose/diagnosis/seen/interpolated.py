@@ -54,15 +54,15 @@ def _filled(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "
     """Of one camera."""
     filled = np.zeros(points_px.shape[:2], dtype=bool)
     known = np.asarray(np.isfinite(points_px).all(axis=-1))
-    whole = points_px[known.all(axis=1)]
-    spread_px = float(np.median(np.std(whole, axis=1))) if len(whole) else 0.0
-    exact_px = max(2.01 * _decimal_step(points_px[known]), _EXACT * spread_px)
+    exact_px = max(2.01 * _decimal_step(points_px[known]), _EXACT * _spread_px(points_px, known))
     bend_px = _bends_px(points_px)
     bends_px = bend_px[np.isfinite(bend_px)]
-    if len(bends_px) < _FEWEST or not np.quantile(bends_px, _BENT) > _FINER * exact_px:
+    if len(bends_px) < _FEWEST or not np.quantile(bends_px, _BENT, overwrite_input=True) > _FINER * exact_px:
         return filled
-    straight = bend_px <= exact_px
-    filled[1:-1] = straight & (np.linalg.norm(points_px[2:] - points_px[:-2], axis=-1) > 2 * _MOVES * exact_px)
+    for part in parts_of(len(bend_px)):
+        moved_px = points_px[part.start + 2 : part.stop + 2] - points_px[part]
+        moves = np.linalg.norm(moved_px, axis=-1) > 2 * _MOVES * exact_px
+        filled[part.start + 1 : part.stop + 1] = (bend_px[part] <= exact_px) & moves
     if filled.sum() > _RESAMPLED * known.sum():
         return filled
     in_a_row = np.asarray(np.lib.stride_tricks.sliding_window_view(filled, _IN_A_ROW, axis=0).all(axis=-1))
@@ -70,6 +70,13 @@ def _filled(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "
     for k in range(_IN_A_ROW):
         kept[k : len(in_a_row) + k] |= in_a_row
     return kept
+
+
+def _spread_px(points_px: Float[np.ndarray, "frame joint 2"], known: Bool[np.ndarray, "frame joint"]) -> float:
+    """Of the joints in an image that shows all of them."""
+    parts = parts_of(len(points_px))
+    spreads_px = np.concatenate([np.std(points_px[part][known[part].all(axis=1)], axis=1) for part in parts])
+    return float(np.median(spreads_px)) if len(spreads_px) else 0.0
 
 
 def _bends_px(points_px: Float[np.ndarray, "frame joint 2"]) -> Float[np.ndarray, "frame-2 joint"]:

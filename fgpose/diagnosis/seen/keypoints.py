@@ -13,7 +13,7 @@ from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.hypotheses.consistency import SPREAD_M
 from fgpose.diagnosis.hypotheses.scene import limb_joints
 from fgpose.finding import Code, Finding, Severity
-from fgpose.sampling import frames_per_second
+from fgpose.sampling import frames_per_second, parts_of
 from fgpose_factors.robust_statistics import robust_sigma
 
 # Of the usual confidence of the recording. Joints that a network sees have 0.7 to 1.2 times it, ears and toes that are
@@ -93,9 +93,14 @@ def _trembling(points_px: Float[np.ndarray, "frame joint 2"], step: int) -> floa
     n_frames = len(points_px) - 4 * step
     if n_frames < 1:
         return np.nan
-    parts_px = [points_px[k * step : k * step + n_frames] for k in range(5)]
-    noise_px = np.abs(sum(weight * part for weight, part in zip(_WHITE, parts_px, strict=True)))
-    speed = np.linalg.norm(parts_px[3] - parts_px[1], axis=-1)
+    noise_px, speed = (
+        np.empty((n_frames, *points_px.shape[1:])),
+        np.empty(points_px[:n_frames].shape[:2], points_px.dtype),
+    )
+    for part in parts_of(n_frames):
+        five_px = [points_px[part.start + k * step : part.stop + k * step] for k in range(5)]
+        noise_px[part] = np.abs(sum(weight * each for weight, each in zip(_WHITE, five_px, strict=True)))
+        speed[part] = np.linalg.norm(five_px[3] - five_px[1], axis=-1)
     known = np.isfinite(noise_px).all(axis=-1) & (noise_px > 0).any(axis=-1)
     if known.sum() < _FEWEST:
         return np.nan

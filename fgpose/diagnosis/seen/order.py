@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
+from fgpose.sampling import parts_of
 
 _FIRST_NUMBERS = 0, 1
 _FEWEST = 3  # places at which the order changes
@@ -51,7 +52,7 @@ def places_by_number(n_images: int, first: int) -> Int[np.ndarray, " image"]:
 
 
 def _ratio(points_px: Float[np.ndarray, "frame joint 2"], by_number: Int[np.ndarray, " frame"]) -> float:
-    given_px, by_number_px = _steps_px(points_px), _steps_px(points_px[by_number])
+    given_px, by_number_px = (_steps_px(points_px, order) for order in (np.arange(len(points_px)), by_number))
     follows = np.zeros(len(given_px), dtype=bool)  # the next by number stands next
     adjacent = np.diff(by_number) == 1
     follows[by_number[:-1][adjacent]] = True
@@ -62,8 +63,14 @@ def _ratio(points_px: Float[np.ndarray, "frame joint 2"], by_number: Int[np.ndar
     return float(np.median(given_px) / np.median(by_number_px))
 
 
-def _steps_px(points_px: Float[np.ndarray, "frame joint 2"]) -> Float[np.ndarray, " step"]:
-    """How far the joints move from image to image, their median; NaN where none is in both."""
+def _steps_px(
+    points_px: Float[np.ndarray, "frame joint 2"], order: Int[np.ndarray, " frame"]
+) -> Float[np.ndarray, " step"]:
+    """How far the joints move from image to image in this order, their median; NaN where none is in both."""
+    steps_px = np.empty(max(len(order) - 1, 0), dtype=points_px.dtype)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no joint
-        return np.nanmedian(np.linalg.norm(np.diff(points_px, axis=0), axis=-1), axis=-1)
+        for part in parts_of(len(steps_px)):
+            moved_px = np.diff(points_px[order[part.start : part.stop + 1]], axis=0)
+            steps_px[part] = np.nanmedian(np.linalg.norm(moved_px, axis=-1), axis=-1)
+    return steps_px

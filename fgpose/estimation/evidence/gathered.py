@@ -31,7 +31,8 @@ class Gathered:
     """What is needed of all frames at once, and what the evidence of some of them is made from."""
 
     time_s: Float[np.ndarray, " frame"]
-    guess_m: Float[np.ndarray, "frame joint 3"]
+    _guess_m: list[np.ndarray]
+    """Until it is handed over; see hand_over_guess_m."""
     implausible: Bool[np.ndarray, " frame"]
     """See Evidence."""
     _seen: Bool[np.ndarray, "frame joint"]
@@ -59,23 +60,23 @@ class Gathered:
         guess_m, (implausible, left_out) = np.empty((n_frames, n_joints, 3)), np.zeros((2, n_frames), dtype=bool)
         seen, located = np.zeros((2, n_frames, n_joints), dtype=bool)
         said = credible(observations.confidence, time_s)
-        gathered = Gathered(time_s, guess_m, implausible, seen, located, left_out, said, observations, rig, config)
+        gathered = Gathered(time_s, [guess_m], implausible, seen, located, left_out, said, observations, rig, config)
         n_views, parts = np.empty((n_frames, n_joints), dtype=int), parts_of(n_frames, FRAMES_AT_ONCE)
         for part in parts:
-            n_views[part] = gathered._learn(part).n_views
+            n_views[part] = gathered._learn(part, guess_m).n_views
         bodies = Bodies.of(guess_m, n_views, gathered.implausible, observations.skeleton)
         bodies.refuse_millimetres()
         if not bodies.are_mostly_implausible:
             gathered._left_out[:] = bodies.implausible
             for part in parts:
                 if bodies.implausible[part].any():
-                    gathered._learn(part)
+                    gathered._learn(part, guess_m)
         return gathered
 
-    def _learn(self, part: slice) -> Evidence:
+    def _learn(self, part: slice, guess_m: Float[np.ndarray, "frame joint 3"]) -> Evidence:
         """What is needed of all frames, of those of a part."""
         evidence = self._part(part)
-        self.guess_m[part], self.implausible[part] = evidence.guess_m, evidence.implausible
+        guess_m[part], self.implausible[part] = evidence.guess_m, evidence.implausible
         self._seen[part], self._located[part] = evidence.seen, evidence.located
         return evidence
 
@@ -83,6 +84,22 @@ class Gathered:
         observations, left_out = self._observations.frames(part), self._left_out[part]
         evidence, _ = without_depths(observations, self._rig, self._config, self._credible[part])
         return without(evidence, observations, left_out, self._rig, self._config) if left_out.any() else evidence
+
+    @property
+    def guess_m(self) -> Float[np.ndarray, "frame joint 3"]:
+        """First guesses; made again after they were handed over."""
+        if self._guess_m:
+            return self._guess_m[0]
+        guess_m = np.empty((*self._seen.shape, 3))
+        for part in parts_of(len(guess_m), FRAMES_AT_ONCE):
+            guess_m[part] = self.frames(part).guess_m
+        return guess_m
+
+    def hand_over_guess_m(self) -> Float[np.ndarray, "frame joint 3"]:
+        """The same, which is not kept here any more: the smoother asks for them once, and nobody else."""
+        guess_m = self.guess_m
+        self._guess_m.clear()
+        return guess_m
 
     def frames(self, frames: slice | Bool[np.ndarray, " frame"] | Int[np.ndarray, " sample"]) -> Evidence:
         """The evidence of some frames, one at least, in the order of time. It is the same whichever are asked for
@@ -103,7 +120,7 @@ class Gathered:
     def joints(self, joints: Sequence[int]) -> Gathered:
         """See Evidence.joints; of all joints of the observations."""
         own = list(joints)
-        of_own = {"guess_m": self.guess_m[:, own], "_seen": self._seen[:, own], "_located": self._located[:, own]}
+        of_own = {"_guess_m": [self.guess_m[:, own]], "_seen": self._seen[:, own], "_located": self._located[:, own]}
         return replace(self, **of_own, _joints=tuple(own))
 
     def held(
@@ -120,7 +137,7 @@ class Gathered:
             guess_m[:, joint], seen[:, joint], located[:, joint] = np.nan, False, False
         guess_m[:, joint] = np.where(np.isnan(guess_m[:, joint]), at_m, guess_m[:, joint])
         held = joint, at_m, covariance_m2, instead
-        return replace(self, guess_m=guess_m, _seen=seen, _located=located, _held=held)
+        return replace(self, _guess_m=[guess_m], _seen=seen, _located=located, _held=held)
 
     def _kept_part(self, start: int) -> Evidence:
         if start not in self._newest:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 
 import fgpose
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.seen import interpolated, keypoints, order
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
 from fgpose.diagnosis.seen.order import sorted_as_text
@@ -20,6 +22,7 @@ from fgpose.diagnosis.seen.things import Things
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
+from fgpose.sampling import parts_of
 from fgpose_benchmarks.synthetic import walking
 from tests.fgpose.diagnosis.damaged import SKELETON, motion_m, recorded, room, with_points
 
@@ -317,6 +320,29 @@ def test_an_image_that_stands_still_is_in_order(seen, rig) -> None:
     points_px = seen.points2d_px.copy()
     points_px[50:] = points_px[50]
     assert sorted_as_text(Examined.of(with_points(seen, points_px), rig)) == []
+
+
+def test_what_is_looked_at_in_parts_is_told_as_of_the_whole(seen, rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a joint is not seen too, and in a last part of two images."""
+    as_text = np.array(sorted(range(seen.n_frames), key=str))
+    damaged_px = [
+        filled(seen.points2d_px, [slice(30, 36), slice(90, 108)], [1]),
+        gaussian_filter1d(seen.points2d_px, 0.4 * 30, axis=0),
+        seen.points2d_px[as_text],
+    ]
+    for points_px in damaged_px:
+        points_px[20:26, 0, :4] = np.nan
+    checks = interpolated_keypoints, smoothed_keypoints, sorted_as_text
+    recordings = [Examined.of(with_points(seen, points_px), rig) for points_px in damaged_px]
+    whole = [check(each) for each in recordings for check in checks]
+    assert {finding.code for found in whole for finding in found} == {
+        Code.INTERPOLATED_KEYPOINTS,
+        Code.SMOOTHED_KEYPOINTS,
+        Code.FRAME_ORDER,
+    }
+    for module in (interpolated, keypoints, order):
+        monkeypatch.setattr(module, "parts_of", partial(parts_of, at_once=7))
+    assert [check(each) for each in recordings for check in checks] == whole
 
 
 def test_images_that_stand_still_and_clocks_that_differ_are_no_things(rig) -> None:

@@ -44,6 +44,18 @@ def test_evidence_of_some_frames(seen: Observations, walking_scene: Scene, frame
         np.testing.assert_allclose(getattr(some, name), expected, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
+def test_first_guesses_that_were_handed_over_are_made_again(seen: Observations, walking_scene: Scene) -> None:
+    """They are asked for again by who smooths the same recording once more."""
+    gathered = Gathered.of(seen, walking_scene.rig, Config())
+    some = gathered.joints([3, 0])
+    of_some_m = some.guess_m
+    for each in (gathered, some, some.held(0, np.ones((seen.n_frames, 3)), np.tile(np.eye(3), (seen.n_frames, 1, 1)))):
+        kept_m = each.guess_m
+        assert each.hand_over_guess_m() is kept_m
+        np.testing.assert_array_equal(each.guess_m, kept_m)
+    np.testing.assert_array_equal(gathered.joints([3, 0]).guess_m, of_some_m)
+
+
 def test_a_long_recording_is_smoothed_as_a_short_one(
     seen: Observations, walking_scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
