@@ -17,11 +17,12 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import CORRELATED_FACTOR, surely_positive
-from fgpose.estimation.visibility.spread import Contradictions
+from fgpose.estimation.visibility.spread import Contradictions, spread_m
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.skeleton import Skeleton
 from fgpose_factors import robust_weight
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH
 
 # The numbers below were chosen on the tuning clips of the benchmark, standard family. Twice or half of each changes the
 # mean errors there by less than 2 %, with two cameras 4 %.
@@ -34,6 +35,8 @@ _PREDICTED_M = {"constant_velocity": 0.01, "random_walk": 0.02, "none": 0.04}
 # How much the prior weight tells, relative to as much as if it were a probability.
 _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
+# Where less of the variance of a detection is left in its residual, that is of the pose rather than of the detection.
+_LEAST_REDUNDANCY = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,8 @@ class WithoutOwn:
 
     covariance_m2: Float[np.ndarray, "frame joint 3 3"]
     """Of the joint, by all detections."""
+    left: Float[np.ndarray, "frame camera joint 2 2"]
+    """Share of the covariance of each detection that is left in its residual."""
     residual_px: Float[np.ndarray, "frame camera joint 2"]
     """Against the joint without the detection."""
     covariance_px2: Float[np.ndarray, "frame camera joint 2 2"]
@@ -73,7 +78,9 @@ class DetectionResiduals:
     """Scale of the image at the joint; 1 where not seen."""
     weights: Float[np.ndarray, "frame camera joint"]
     contradictions: Contradictions
-    """What the views say of their errors, whatever the pose."""
+    """What is left of the residuals whatever the pose."""
+    redundancy: Float[np.ndarray, "frame camera joint"]
+    """Share of the variance of a detection that is left in its residual."""
     predictive_px: Float[np.ndarray, "frame camera joint 2"]
     """Residual against the pose without the detections of this camera."""
     predictive_px2: Float[np.ndarray, "frame camera joint 2 2"]
@@ -109,6 +116,7 @@ class DetectionResiduals:
             px_per_m=px_per_m,
             weights=weights,
             contradictions=Contradictions(residual_px, jacobian, information, px_per_m),
+            redundancy=np.trace(others.left, axis1=-2, axis2=-1) / 2,
             predictive_px=others.residual_px,
             predictive_px2=others.covariance_px2,
             length_m=length_px / px_per_m,
@@ -124,6 +132,24 @@ class DetectionResiduals:
     def of_seen(self) -> tuple[Float[np.ndarray, "frame camera joint"], Float[np.ndarray, "frame camera joint"]]:
         """length_m and px_per_m; NaN where not seen."""
         return np.where(self.seen, self.length_m, np.nan), np.where(self.seen, self.px_per_m, np.nan)
+
+    @property
+    def tells(self) -> Bool[np.ndarray, "measure frame camera joint"]:
+        """Whose residual tells how large the errors of detections are: against the pose, and against the other views
+        alone."""
+        of_pose = self.seen & self.several & (self.redundancy > _LEAST_REDUNDANCY)
+        return np.stack([of_pose, self.contradictions.tells])
+
+    @property
+    def single_spread_m(self) -> Float[np.ndarray, "measure frame camera joint"]:
+        """What each detection alone says for the spread, by either: half of those of a normal error say less."""
+        of_pose_m = self.length_m / np.sqrt(np.where(self.tells[0], self.redundancy, 1.0)) / MEDIAN_LENGTH
+        return np.stack([of_pose_m, self.contradictions.single_spread_m])
+
+    def spread_m(self, prior_m: float, independent: float) -> Float[np.ndarray, " camera"]:
+        """See spread.spread_m."""
+        measures = zip(self.single_spread_m, self.tells, strict=True)
+        return np.min([spread_m(*measure, self.weights, prior_m, independent) for measure in measures], axis=0)
 
     def log_densities(
         self,
@@ -193,6 +219,7 @@ def without_own(
     without = _inverse(left)
     return WithoutOwn(
         covariance_m2=covariance_m2,
+        left=left,
         residual_px=np.einsum("tcjik,tcjk->tcji", without, residual_px),
         covariance_px2=np.einsum("tcjik,tcjkl->tcjil", without, projected_px2),
     )

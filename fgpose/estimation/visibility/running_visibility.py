@@ -45,9 +45,10 @@ class _Known:
     """That each joint is visible in the last."""
     last_s: Float[np.ndarray, "camera 1"]
     """When that was taken."""
-    spread_m: Float[np.ndarray, " camera"]
-    measurements: Float[np.ndarray, " camera"]
-    """From which that was learned, as far as they count still."""
+    spreads_m: Float[np.ndarray, "measure camera"]
+    """By both measures of DetectionResiduals, of which the smaller holds."""
+    measurements: Float[np.ndarray, "measure camera"]
+    """From which they were learned, as far as they count still."""
 
     def since_s(self, evidence: Evidence) -> Float[np.ndarray, "camera 1"]:
         """Time from the last image of each camera to a frame; one that is there twice at one time tells nothing new."""
@@ -77,8 +78,8 @@ class RunningVisibility:
         self._on = config.visibility.model == "markov"
         self._probability = np.full((n_cameras, skeleton.n_joints), self._chain.usual if self._on else 1.0)
         self._last_s = np.full((n_cameras, 1), -np.inf)
-        self._spread_m = np.full(n_cameras, config.visibility.sigma_m)
-        self._measurements = np.zeros(n_cameras)
+        self._spreads_m = np.full((2, n_cameras), config.visibility.sigma_m)
+        self._measurements = np.zeros((2, n_cameras))
         self._newest_s, self._before_newest = -np.inf, self._known_of_images()
         self._bias = RunningBias(n_cameras, skeleton.n_joints)
         self._oldest: Evidence | None = None
@@ -97,7 +98,11 @@ class RunningVisibility:
 
     def _known_of_images(self) -> _Known:
         """As they are; no array of them changes."""
-        return _Known(self._probability, self._last_s, self._spread_m, self._measurements)
+        return _Known(self._probability, self._last_s, self._spreads_m, self._measurements)
+
+    @property
+    def _spread_m(self) -> Float[np.ndarray, " camera"]:
+        return self._spreads_m.min(axis=0)
 
     def _known_before(self, evidence: Evidence) -> _Known:
         """What the images before those of a frame tell, which is the newest or a new one."""
@@ -117,7 +122,7 @@ class RunningVisibility:
             return
         before = self._known_before(evidence)
         self._newest_s, self._before_newest = float(evidence.time_s[0]), before
-        self._spread_m, self._measurements = before.spread_m, before.measurements
+        self._spreads_m, self._measurements = before.spreads_m, before.measurements
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
         since_s = before.since_s(evidence)
         odds = self._log_odds(residuals, velocities_mps[None], rig)[0] * independent(since_s, RESIDUALS_CORRELATED_S)
@@ -192,15 +197,13 @@ class RunningVisibility:
         has_image: Bool[np.ndarray, " camera"],
     ) -> None:
         """Robbins and Monro's estimate of the weighted median that the batch takes."""
-        found = residuals.contradictions
-        tells = found.tells[0] & has_image[:, None]
+        tells, single_m = residuals.tells[:, 0] & has_image[:, None], residuals.single_spread_m[:, 0]
         measurements = np.where(tells, independent(since_s, CORRELATION_S) * residuals.weights[0], 0.0)
         keep = np.where(has_image, np.exp(-since_s[:, 0] / _SPREAD_MEMORY_S), 1.0)
-        self._measurements = keep * self._measurements + measurements.sum(axis=1)
-        single_m = np.where(tells, found.single_spread_m[0], self._spread_m[:, None])
-        larger = np.sum(measurements * np.sign(single_m - self._spread_m[:, None]), axis=1)
+        self._measurements = keep * self._measurements + measurements.sum(axis=-1)
+        larger = np.sum(measurements * np.sign(single_m - self._spreads_m[..., None]), axis=-1, where=tells)
         logs = _MEDIAN_GAIN * larger / (PRIOR_MEASUREMENTS_OF_CAMERA + self._measurements)
-        self._spread_m = np.maximum(self._spread_m * np.exp(logs), LEAST_SPREAD_M)
+        self._spreads_m = np.maximum(self._spreads_m * np.exp(logs), LEAST_SPREAD_M)
 
     def with_image(
         self,
