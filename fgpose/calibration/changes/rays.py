@@ -97,9 +97,10 @@ def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], ste
     of_cameras = rig.n_cameras, len(time_s) + n_gap
     direction = np.full((*of_cameras, len(joints), 3), np.nan, dtype=np.float32)
     weight = np.zeros((*of_cameras, len(joints)), dtype=np.float32)
-    held = [(c, *piece) for c, camera in enumerate(rig.cameras) for piece in pieces(changes, c, camera)]
-    world_T_camera = np.array([*(each for *_, each in held), np.full((4, 4), np.nan)])
-    pose = np.full(of_cameras, len(held))
+    held = [pieces(changes, c, camera) for c, camera in enumerate(rig.cameras)]
+    world_T_camera = np.array([*(each for of_camera in held for *_, each in of_camera), np.full((4, 4), np.nan)])
+    first = np.cumsum([0, *map(len, held)])
+    pose = np.full(of_cameras, first[-1])
     for c, camera in enumerate(rig.cameras):
         stamp_s = own.frame_time_s if own.time_s.ndim == 1 else own.time_s[:, c]
         there = np.isfinite(stamp_s)
@@ -112,9 +113,7 @@ def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], ste
             at_px, at_weight = between_images(taken_s, seen_px, at_s), smaller_around(taken_s, confidence, at_s)
             image = np.searchsorted(taken_s, at_s + 1e-9, side="right") - 1
             stamps_s = stamp_s[np.maximum(image, 0)] if there.any() else at_s
-            for number, (of_camera, since_s, until_s, turned) in enumerate(held):
-                if of_camera != c:
-                    continue
+            for number, (since_s, until_s, turned) in enumerate(held[c], start=first[c]):
                 holds = part.start + np.flatnonzero((stamps_s >= since_s) & (stamps_s < until_s))
                 normalized = (at_px[holds - part.start] - camera.K[:2, 2]) / np.diag(camera.K)[:2]
                 ray = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ turned[:3, :3].T

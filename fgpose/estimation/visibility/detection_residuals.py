@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -133,7 +133,7 @@ class DetectionResiduals:
         """length_m and px_per_m; NaN where not seen."""
         return np.where(self.seen, self.length_m, np.nan), np.where(self.seen, self.px_per_m, np.nan)
 
-    @property
+    @cached_property
     def tells(self) -> Bool[np.ndarray, "measure frame camera joint"]:
         """Whose residual tells how large the errors of detections are: against the pose, and against the other views
         alone."""

@@ -57,7 +57,7 @@ class Contradictions:
         """Of the variance of a detection along both axes, how much is left."""
         return np.maximum(np.trace(self._left[1], axis1=-2, axis2=-1), 0.0)
 
-    @property
+    @cached_property
     def tells(self) -> Bool[np.ndarray, "frame camera joint"]:
         """Whose residual tells how large the errors of detections are. A single view contradicts nothing."""
         used = self.information > 0
