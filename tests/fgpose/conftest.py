@@ -37,9 +37,16 @@ def draw(points2d_px: np.ndarray, size_px: tuple[int, int]) -> Image:
 
 
 @pytest.fixture
-def without_search_for_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+def with_search_for_faults() -> None:
+    """For what is about faults, where others of the file do without."""
+
+
+@pytest.fixture
+def without_search_for_faults(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """For what is about commands: short recordings are smoothed a dozen times to find moved and late cameras, and
     other orders of the joints and other lenses are tried where nothing contradicts those that are given."""
+    if "with_search_for_faults" in request.fixturenames:
+        return
     monkeypatch.setattr("fgpose.diagnosis.camera_faults_checks.faults_of_short", lambda examined: [])
     monkeypatch.setattr("fgpose.diagnosis.body.skeletons.better_order", lambda positions_m, skeleton: None)
     monkeypatch.setattr("fgpose.diagnosis.hypotheses.geometry._clearly_better", lambda scene: False)

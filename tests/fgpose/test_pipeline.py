@@ -454,11 +454,8 @@ def test_failures_of_gtsam_are_said_where_there_were_some(
     assert reason.startswith("GTSAM has failed 3 times")
 
 
-def test_advice_that_was_followed_is_not_given_again(
-    source: Source[Observations], smoothed: Result, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.undo()  # the fault is searched for
-
+@pytest.mark.usefixtures("with_search_for_faults")
+def test_advice_that_was_followed_is_not_given_again(source: Source[Observations], smoothed: Result) -> None:
     def remedies(estimated: tuple[str, ...]) -> set[str]:
         result = replace(smoothed, source=replace(source, origin=Origin(rig=source.rig, estimated=estimated)))
         diagnosis = diagnosed(result).diagnosis

@@ -196,6 +196,7 @@ def test_the_starts_of_cameras_stay_in_the_calibration_that_is_written(tmp_path:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("with_search_for_faults")
 def test_a_recording_can_be_used_again_with_the_calibration_that_was_written(
     walking_scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -257,6 +258,7 @@ def test_refine_with_some_cameras(source: list[str], tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("with_search_for_faults")
 def test_info_names_the_suspect(capsys: pytest.CaptureFixture[str]) -> None:
     folder = Path(app.__file__).parents[1] / "data" / "balance_blazepose"
     arguments = [str(folder / "observations.npz"), "--rig", str(folder / "calibration.toml")]
@@ -269,6 +271,7 @@ def test_info_names_the_suspect(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("with_search_for_faults")
 def test_info_settles_the_calibration_first(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig = load_rig(folder / "Calib.toml")
     exchanged = [replace(rig.cameras[0], world_T_camera=rig.cameras[1].world_T_camera), *rig.cameras[1:]]

@@ -18,7 +18,6 @@ from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline import Source
 from fgpose_benchmarks.synthetic import SimulatedClocks, SimulatedNetwork, WalkScene, film, ring_rig, walkers
 
-pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 SHOWS_BYSTANDERS = Path(__file__).parents[2] / "data" / "balance_openpose" / "people.npz"
 
 
