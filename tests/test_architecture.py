@@ -62,7 +62,7 @@ DOORS = {"fgpose.shown": {"fgpose.notebook", "fgpose.geometry.camera"}}
 ESTIMATION_FLOORS = (
     {"smoother", "estimator", "refinement", "residuals"},
     {"parts"},
-    {"estimates"},
+    {"estimates", "settling"},
     {"covariances", "online"},
     {"solution", "solvers"},
     {"factors"},
@@ -70,7 +70,7 @@ ESTIMATION_FLOORS = (
     {"frame_state"},
     {"segment"},
     {"evidence"},
-    {"elimination", "initial_guess", "keys", "noise", "process_noise", "windows"},
+    {"initial_guess", "keys", "noise", "process_noise", "windows"},
 )
 GTSAM = {"fgpose_factors", "fgpose.geometry", "fgpose.estimation", "fgpose.calibration"}
 MESSAGES = {"fgpose.live.outputs"}

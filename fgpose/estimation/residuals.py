@@ -24,7 +24,7 @@ def whitened_residuals(
 
     Args:
         trajectory: of all the frames of the evidence, with residual_px.
-        evidence: what it was made from, informed by it (fgpose.estimation.smoother.informed).
+        evidence: what it was made from, informed by it (fgpose.estimation.settling.informed).
         rig: cameras of the evidence.
         config: what it was made with.
 

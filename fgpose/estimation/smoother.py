@@ -15,7 +15,7 @@ from fgpose.config import Config
 from fgpose.estimation.covariances.error_components import covariance_of_errors_m2
 from fgpose.estimation.covariances.few_view_errors import widened
 from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swing
-from fgpose.estimation.evidence.delays import image_motion_px, motion_m, of_one_moment
+from fgpose.estimation.evidence.delays import image_motion_px, of_one_moment
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered, gather_long
 from fgpose.estimation.evidence.inputs import check_inputs
@@ -24,14 +24,11 @@ from fgpose.estimation.evidence.presence import present
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.parts.batch import smooth_whole_body
-from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Recording, Segment
+from fgpose.estimation.settling import settled
 from fgpose.estimation.solution import Solution, SolvedWindows, first_known
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import NormalEquations
-from fgpose.estimation.solvers.optimum import optimum
-from fgpose.estimation.visibility.sole_views import with_distances
-from fgpose.estimation.visibility.visibility import judged
 from fgpose.estimation.windows import Window, cut_windows
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
@@ -46,14 +43,6 @@ Progress = Callable[[int, int], None]
 # Lengths learned from the sample are held, so that all windows have the same.
 _HELD_LENGTH_SIGMA_M = 1e-4
 _SAMPLE_FRAMES = 600  # spread over the recording: far apart, their errors are independent
-# What follows from a solution has settled when a step is shorter than so many tolerances.
-_ROUGHLY = 50.0
-# Before they decide which detections are hallucinated, the joints must lie near the optimum of all detections: sooner,
-# good detections next to hallucinated ones lose their weight too. On the tuning clips of the benchmark 2, 4, 6 and 15
-# steps differ by less than 0.4 mm, and 15 need a third more factorisations.
-_FIRST_STEPS = 6
-# The weights that follow from two solutions may lead from one to the other for ever.
-_MOST_ROUNDS = 12
 
 
 def smooth(
@@ -138,7 +127,8 @@ def smooth_evidence(
         first, other = _first(recording.frames(windows[0].solved) if whole else _sample(recording), bones)
         if not whole:
             held_m = first_known([first.lengths_m, recording.lengths_m])
-            recording = replace(recording, lengths_m=held_m, length_sigma_m=_HELD_LENGTH_SIGMA_M, known=None)
+            held = BoneLengths(np.where(held_m > 0, held_m, np.nan), np.full_like(held_m, _HELD_LENGTH_SIGMA_M))
+            recording = replace(recording, lengths_m=held_m, known=held)
         for window in windows[solved.n_solved :]:
             solution = first if whole else _solve(recording.frames(window.solved))
             solution = replace(solution, length_sigma_m=first.length_sigma_m)
@@ -161,7 +151,7 @@ def _sample(recording: Recording) -> Segment:
 
 def _solve(segment: Segment) -> Solution:
     """The optimum, with covariances if they are wanted."""
-    return _described(*_settled(segment))
+    return _described(*settled(segment))
 
 
 def _first(segment: Segment, bones: BoneLengths | None) -> tuple[Solution, OtherBone | None]:
@@ -179,7 +169,7 @@ def _first(segment: Segment, bones: BoneLengths | None) -> tuple[Solution, Other
 
 def _solve_lengths(segment: Segment) -> tuple[Solution, Float[np.ndarray, "length length"]]:
     """The same, and the covariance of the lengths."""
-    informed, solution = _settled(segment)
+    informed, solution = settled(segment)
     if not segment.active.any():
         unknown_m = np.full_like(solution.lengths_m, np.nan)
         return replace(solution, length_sigma_m=unknown_m), np.full(2 * solution.lengths_m.shape, np.nan)
@@ -190,80 +180,8 @@ def _solve_lengths(segment: Segment) -> tuple[Solution, Float[np.ndarray, "lengt
     return _described(informed, replace(solution, length_sigma_m=sigma_m)), covariance_m2
 
 
-def _settled(segment: Segment) -> tuple[Segment, Solution]:
-    """Alternate between a step to the optimum and the delays, hallucinated detections and process noise that follow
-    from it (as expectation-maximisation does), until both have settled; then go to the optimum."""
-    solution, visibility = _steps(segment, _FIRST_STEPS), None
-    for _ in range(_MOST_ROUNDS):
-        solution = _steps(_informed(segment, solution, visibility), 1)
-        visibility = solution.visibility
-        if solution.convergence.converged:
-            break
-    informed = _informed(segment, solution, visibility)
-    return informed, _optimum(informed)
-
-
 def _described(informed: Segment, solution: Solution) -> Solution:
     return _with_covariance(informed, solution) if informed.config.solver.covariance else solution
-
-
-def _steps(segment: Segment, count: int) -> Solution:
-    """So many steps of the optimiser, or fewer if it converges to a wider tolerance."""
-    tolerance_m = _ROUGHLY * segment.config.solver.step_tolerance_m
-    rough = segment.config.replace(solver={"step_tolerance_m": tolerance_m, "max_iterations": count})
-    return _optimum(replace(segment, config=rough))
-
-
-def _informed(
-    segment: Segment, solution: Solution, visibility: Float[np.ndarray, "frame camera joint"] | None
-) -> Segment:
-    """The segment informed by a solution: the solution is the first guess, and the evidence and each joint's process
-    noise follow from its motion."""
-    evidence = replace(segment.evidence, sigma_px=solution.sigma_px)
-    positions_m, config = solution.positions_m, segment.config
-    known = informed(evidence, positions_m, segment.rig, segment.skeleton, config, visibility)
-    # From a path that lost a fast limb the optimiser would not find back, and its accelerations are too small.
-    positions_m = np.where(np.isnan(known.off_path_m), positions_m, known.off_path_m)
-    information = known.information(positions_m, segment.rig)
-    lengths_m = first_known([solution.lengths_m, segment.lengths_m])
-    return replace(
-        segment,
-        evidence=with_distances(known, positions_m, lengths_m, segment.rig, segment.skeleton),
-        initial_m=np.where(np.isnan(positions_m), evidence.guess_m, positions_m),
-        lengths_m=lengths_m,
-        process_density=process_density(positions_m, evidence.time_s, information, config.motion),
-    )
-
-
-def informed(
-    evidence: Evidence,
-    positions_m: Float[np.ndarray, "frame joint 3"],
-    rig: CameraRig,
-    skeleton: Skeleton,
-    config: Config,
-    visibility: Float[np.ndarray, "frame camera joint"] | None = None,
-) -> Evidence:
-    """The evidence with what a motion tells about it: detections are moved to the time of their frame and lose their
-    bias, and hallucinated ones lose weight.
-
-    Args:
-        evidence: as gathered, with the standard deviations with which the motion was found.
-        positions_m: as estimated from it; NaN where a joint is not estimated.
-        rig, skeleton, config: what it was gathered with.
-        visibility: probability that each detection is of its joint, if that is known already.
-    """
-    moved_m = motion_m(positions_m, evidence.time_s, evidence.delay_s)
-    on_time = evidence.on_time(positions_m, moved_m, rig)
-    if config.visibility.model == "none":
-        return on_time
-    return judged(on_time, positions_m, rig, skeleton, config, visibility)
-
-
-def _optimum(segment: Segment) -> Solution:
-    if not segment.active.any():
-        return Solution.of_nobody(segment)
-    evidence, (positions_m, lengths_m, convergence) = segment.evidence, optimum(segment)
-    return Solution(positions_m, None, lengths_m, convergence, evidence.visibility, evidence.sigma_px)
 
 
 def _with_covariance(segment: Segment, solution: Solution) -> Solution:

@@ -15,7 +15,7 @@ from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE
 from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.residuals import whitened_residuals
-from fgpose.estimation.smoother import informed
+from fgpose.estimation.settling import informed
 from fgpose.estimation.windows import cut_windows
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig

@@ -17,7 +17,8 @@ from fgpose.estimation.evidence import gather as gather_module
 from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.online.window import Window
 from fgpose.estimation.residuals import whitened_residuals
-from fgpose.estimation.smoother import informed, smooth
+from fgpose.estimation.settling import informed
+from fgpose.estimation.smoother import smooth
 from fgpose.finding import Code
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.estimation.elimination import ReducedSystem
+from fgpose.estimation.solvers.elimination import ReducedSystem
 
 
 class Factorized:

@@ -20,7 +20,7 @@ from fgpose.calibration.adjustment.noise import Noise
 from fgpose.calibration.adjustment.normal_equations import Factorized
 from fgpose.calibration.adjustment.sightings import SeenFrom, Sightings
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, OFFSET, POSE, TRANSLATION, Unknowns
-from fgpose.estimation.elimination import eliminate_joints
+from fgpose.estimation.solvers.elimination import eliminate_joints
 from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
 from fgpose.geometry.camera import CameraRig
 from fgpose_factors import robust_loss, robust_weight

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config, ProjectionConfig
-from fgpose.estimation.elimination import eliminate_joints
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
+from fgpose.estimation.solvers.elimination import eliminate_joints
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose_factors import robust_weight

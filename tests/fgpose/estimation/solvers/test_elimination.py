@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.estimation.elimination import eliminate_joints
+from fgpose.estimation.solvers.elimination import eliminate_joints
 
 CAMERAS, JOINTS = 3, 4
 
