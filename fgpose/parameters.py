@@ -157,7 +157,8 @@ class PriorConfig:
     velocity_sigma_mps: float = 3.0
     """Standard deviation of a joint's first velocity around zero, m/s."""
     length_sigma_m: float = 0.3
-    """Standard deviation of a bone's length around its first guess, metres."""
+    """Standard deviation of a bone's length around its first guess, metres, where the proportions of the body do not
+    tell it: head, hands, feet."""
 
 
 @dataclass(frozen=True)

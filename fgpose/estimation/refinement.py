@@ -111,4 +111,4 @@ def _segment(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Con
     )
     active = np.asarray(np.isfinite(evidence.fused_m).all(axis=-1))
     no_lengths_m, no_motion = np.full(skeleton.n_lengths, np.nan), np.ones(active.shape)
-    return Segment(rig, skeleton, paper, unweighted, active, no_lengths_m, config.prior.length_sigma_m, no_motion)
+    return Segment(rig, skeleton, paper, unweighted, active, no_lengths_m, no_motion)

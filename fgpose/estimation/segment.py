@@ -13,7 +13,6 @@ from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered
 from fgpose.estimation.initial_guess import active_joints, fill_gaps, median_lengths
 from fgpose.estimation.keys import Keys
-from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.process_noise import initial_density
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import BoneLengths, Skeleton
@@ -59,18 +58,14 @@ class Segment:
     """Which joints are estimated in which frame."""
     lengths_m: Float[np.ndarray, " length"]
     """First guess of every shared bone length; NaN where a bone has none."""
-    length_sigma_m: float | Float[np.ndarray, " length"]
-    """How well it is known."""
     process_density: Float[np.ndarray, "frame joint"]
     """Power spectral density of the noise of the motion factors that lead to each frame, m^2/s^3 with constant
     velocity, m^2/s with random walk."""
-    lengths_known: bool = False
-    """Whether the lengths are held, their sigma added to that of each bone (online); otherwise they are estimated."""
     known: BoneLengths | None = None
-    """What was known of the lengths before, as if errors of different frames were independent; the first guess is the
-    prior of the others only."""
-    length_covariance_m2: Float[np.ndarray, "length length"] | None = None
-    """Of the first guess of lengths that are estimated, where their errors are correlated."""
+    """What was known of the lengths before."""
+    lengths_known: bool = False
+    """Whether the lengths are held at what was known, its sigma added to that of each bone (online); otherwise they are
+    estimated."""
     initial_m: Float[np.ndarray, "frame joint 3"] | None = None
     """First guess of the joints and mean of the weak priors, if not the guess of the evidence."""
     before: Predecessor | None = None
@@ -174,8 +169,6 @@ class Recording:
     """First guess, also where there is none of the frame alone."""
     active: Bool[np.ndarray, "frame joint"]
     lengths_m: Float[np.ndarray, " length"]
-    length_sigma_m: float
-    """See Segment."""
     known: BoneLengths | None = None
     """What was known of them before."""
 
@@ -194,8 +187,7 @@ class Recording:
         guess_m = fill_gaps(of_frames_m, time_s)
         active = active_joints(of_frames_m, time_s, config.motion)
         lengths_m = median_lengths(skeleton, guess_m)
-        sigma_m = config.prior.length_sigma_m
-        return Recording(rig, skeleton, config, evidence, here, time_s, guess_m, active, lengths_m, sigma_m, known)
+        return Recording(rig, skeleton, config, evidence, here, time_s, guess_m, active, lengths_m, known)
 
     @property
     def n_frames(self) -> int:
@@ -207,7 +199,7 @@ class Recording:
 
     def frames(self, frames: slice | Int[np.ndarray, " sample"]) -> Segment:
         """Some of its frames, to be solved as one."""
-        active, known = self.active[frames], self.known
+        active = self.active[frames]
         return Segment(
             rig=self.rig,
             skeleton=self.skeleton,
@@ -215,7 +207,6 @@ class Recording:
             evidence=self.evidence_of(frames),
             active=active,
             lengths_m=self.lengths_m,
-            length_sigma_m=self.length_sigma_m,
-            known=known and BoneLengths(known.lengths_m, known.sigma_m / shared_errors(self.time_s[frames])),
+            known=self.known,
             process_density=np.full(active.shape, initial_density(self.config.motion)),
         )

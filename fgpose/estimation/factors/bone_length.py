@@ -98,8 +98,8 @@ def bone_lengths(segment: Segment) -> Iterator[SharedLengths | KnownLengths]:
     slots = segment.slots[segment.bones[:2]]
     present, sigma_m = segment.active[:, start] & segment.active[:, end], segment.config.symmetry.sigma_m
     if segment.lengths_known:
-        sigma_of_length_m = np.full(segment.lengths_m.shape, segment.length_sigma_m)
-        sigmas_m = np.hypot(sigma_m, sigma_of_length_m[length])
+        assert segment.known is not None
+        sigmas_m = np.hypot(sigma_m, segment.known.sigma_m[length])
         apart = _apart(segment.start_m[:, start], segment.start_m[:, end])
         yield KnownLengths(slots, present & apart, sigmas_m, segment.lengths_m[length])
     else:

@@ -12,7 +12,10 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.keys import Keys, length_key
+from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.segment import Segment
+from fgpose.kinematics.proportions import usual_lengths
+from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose_factors import custom_factor, noise_model
 
 
@@ -65,7 +68,9 @@ class Priors:
 
 @dataclass(frozen=True, eq=False)
 class LengthPriors:
-    """Around the first guess of every shared length that is estimated. In numpy the others are held where they are."""
+    """Of the shared lengths that are estimated: what the proportions of the body say, the first guess where they do
+    not, and what was known before. So detections that hardly tell do not make quite another body: with two cameras a
+    hallucinated joint makes a bone longer by decimetres. In numpy the others are held where they are."""
 
     lengths_m: Float[np.ndarray, " length"]
     """Finite."""
@@ -74,38 +79,28 @@ class LengthPriors:
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[LengthPriors]:
-        lengths_m, sigma_m = segment.lengths_m, np.broadcast_to(segment.length_sigma_m, segment.lengths_m.shape)
-        if segment.known is not None:
-            before = np.isfinite(segment.known.lengths_m)
-            lengths_m = np.where(before, segment.known.lengths_m, lengths_m)
-            sigma_m = np.where(before, segment.known.sigma_m, sigma_m)
-        known = np.isfinite(lengths_m)
-        covariance_m2 = np.diag(np.where(known, sigma_m, 1.0) ** 2)
-        if segment.length_covariance_m2 is not None:
-            covariance_m2 = np.where(np.outer(known, known), segment.length_covariance_m2, covariance_m2)
-        yield cls(np.where(known, lengths_m, 0.0), covariance_m2, segment.estimated_lengths)
+        lengths_m, covariance_m2 = np.nan_to_num(segment.lengths_m), np.eye(len(segment.lengths_m))
+        estimated = segment.estimated_lengths
+        if len(estimated):
+            guess = segment.lengths_m, segment.config.prior.length_sigma_m
+            mean_m, found_m2 = length_prior(segment.skeleton, segment.known, *guess)
+            lengths_m[estimated] = mean_m[estimated]
+            # In the graph errors of different frames are independent.
+            found_m2 = found_m2 / shared_errors(segment.evidence.time_s) ** 2
+            covariance_m2[np.ix_(estimated, estimated)] = found_m2[np.ix_(estimated, estimated)]
+        yield cls(lengths_m, covariance_m2, estimated)
 
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]:
-        """One for each length, or one of all where they are correlated."""
         if not len(self.estimated):
             return
-        covariance_m2 = self.covariance_m2[np.ix_(self.estimated, self.estimated)]
-        if np.array_equal(covariance_m2, np.diag(np.diag(covariance_m2))):
-            for length in self.estimated.tolist():
-                noise = noise_model(1, float(np.sqrt(self.covariance_m2[length, length])))
-                yield gtsam.PriorFactorDouble(length_key(length), float(self.lengths_m[length]), noise)
-        else:
-            around_m, lengths = (
-                self.lengths_m[self.estimated],
-                [length_key(length) for length in self.estimated.tolist()],
-            )
-            noise, columns = gtsam.noiseModel.Gaussian.Covariance(covariance_m2), np.eye(len(lengths))
-            yield custom_factor(
-                lengths,
-                noise,
-                lambda *lengths_m: (np.array(lengths_m) - around_m, tuple(columns[:, :, None])),
-                [gtsam.Values.atDouble] * len(lengths),
-            )
+        around_m, lengths = self.lengths_m[self.estimated], [length_key(each) for each in self.estimated.tolist()]
+        covariance_m2, columns = self.covariance_m2[np.ix_(self.estimated, self.estimated)], np.eye(len(lengths))
+        yield custom_factor(
+            lengths,
+            gtsam.noiseModel.Gaussian.Covariance(covariance_m2),
+            lambda *lengths_m: (np.array(lengths_m) - around_m, tuple(columns[:, :, None])),
+            [gtsam.Values.atDouble] * len(lengths),
+        )
 
     def error(self, state: BatchState) -> float:
         away_m = state.lengths_m - self.lengths_m
@@ -120,3 +115,18 @@ class LengthPriors:
     @cached_property
     def _information(self) -> Float[np.ndarray, "length length"]:
         return np.linalg.inv(self.covariance_m2)
+
+
+def length_prior(
+    skeleton: Skeleton, before: BoneLengths | None, guess_m: Float[np.ndarray, " length"], guess_sigma_m: float
+) -> tuple[Float[np.ndarray, " length"], Float[np.ndarray, "length length"]]:
+    """Mean and covariance of somebody's lengths: what the proportions of the body say, the first guess where they do
+    not, which may be zero or NaN, and what is known from before."""
+    mean_m, covariance_m2 = usual_lengths(skeleton, guess_m, guess_sigma_m)
+    if before is None:
+        return mean_m, covariance_m2
+    known = np.isfinite(before.lengths_m)
+    mean_m = np.where(known & ~np.isfinite(mean_m), before.lengths_m, mean_m)
+    measured_m2 = covariance_m2[np.ix_(known, known)] + np.diag(before.sigma_m[known] ** 2)
+    gain = np.linalg.solve(measured_m2, covariance_m2[known]).T
+    return mean_m + gain @ (before.lengths_m - mean_m)[known], covariance_m2 - gain @ covariance_m2[known]

@@ -1,4 +1,4 @@
-"""Bone lengths learned while a recording is running, without statistics of other people."""
+"""Bone lengths learned while a recording is running."""
 
 from __future__ import annotations
 
@@ -10,22 +10,19 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence, concatenated
 from fgpose.estimation.evidence.other_bones import other_bone, without_known
+from fgpose.estimation.factors.prior import length_prior
 from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import blas_libraries, one_blas_thread
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.geometry.camera import CameraRig
-from fgpose.kinematics.proportions import shares_of_stature
 from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.trajectory import OtherBone
 
 _FIRST_STEP_S = 0.05  # from one frame of the sample to the next, until it is full
 _MOST_FRAMES = 32  # twice as many change the errors on the tuning clips of the benchmark by less than 1 %
-# The prior of lengths: from a child of six years to a tall man (two standard deviations); proportions of people differ,
-# and where data sets have the joints, by as much again, hips and the upper end of the trunk by some centimetres.
-_STATURE_M, _SIZE, _PROPORTION, _PLACES_M = 1.65, 0.3, 0.15, 0.03
 _GROWTH = 1.25  # the lengths are estimated again when the sample has grown by this factor
 _STEPS = 5
 
@@ -126,18 +123,13 @@ class RunningLengths:
 
 
 class _Estimation:
-    """The optimisation of a sample of frames.
-
-    Its prior keeps what the first frames hardly tell from becoming quite another body: with two cameras a hallucinated
-    joint makes a bone longer by decimetres.
-    """
+    """The optimisation of a sample of frames. It starts at its prior: what the first frames tell may be far off."""
 
     def __init__(self, sample: Segment, before: BoneLengths) -> None:
         self._inflation = shared_errors(sample.evidence.time_s)  # all deviations of the problem are too small by it
-        guess_m, sigma_m = sample.lengths_m, np.broadcast_to(sample.length_sigma_m, sample.lengths_m.shape)
-        lengths_m, covariance_m2 = prior(sample.skeleton, before, guess_m, sigma_m)
-        covariance_m2 = covariance_m2 / self._inflation**2
-        self._problem = NormalEquations(replace(sample, lengths_m=lengths_m, length_covariance_m2=covariance_m2))
+        guess = sample.lengths_m, sample.config.prior.length_sigma_m
+        mean_m, _ = length_prior(sample.skeleton, before, *guess)
+        self._problem = NormalEquations(replace(sample, known=before, lengths_m=mean_m))
         self._search = Search(self._problem, self._problem.initial())
         self._steps_left = _STEPS
 
@@ -155,24 +147,3 @@ class _Estimation:
         size = self._search.descend()
         self._steps_left -= 1
         return size is None or size < self._problem.step_tolerance or not self._steps_left
-
-
-def prior(
-    skeleton: Skeleton,
-    before: BoneLengths,
-    guess_m: Float[np.ndarray, " length"],
-    guess_sigma_m: Float[np.ndarray, " length"],
-) -> tuple[Float[np.ndarray, " length"], Float[np.ndarray, "length length"]]:
-    """Mean and covariance of somebody's lengths: what the proportions of the body say, the first guess where they do
-    not, which may be zero or NaN, and what is known from before."""
-    mean_m = _STATURE_M * shares_of_stature(skeleton)
-    is_told = np.isfinite(mean_m)
-    of_size_m = np.where(is_told, _SIZE * mean_m, 0.0)
-    own_m = np.where(is_told, np.hypot(_PROPORTION * mean_m, _PLACES_M), guess_sigma_m)
-    known = np.isfinite(before.lengths_m)
-    mean_m = np.where(is_told, mean_m, np.where(known, before.lengths_m, guess_m))
-    covariance_m2 = np.outer(of_size_m, of_size_m) + np.diag(own_m**2)
-    measured_m2 = covariance_m2[np.ix_(known, known)] + np.diag(before.sigma_m[known] ** 2)
-    gain = np.linalg.solve(measured_m2, covariance_m2[known]).T
-    mean_m = mean_m + gain @ (before.lengths_m - mean_m)[known]
-    return mean_m, covariance_m2 - gain @ covariance_m2[known]

@@ -23,7 +23,7 @@ from fgpose.estimation.factors.symmetry import Symmetries
 from fgpose.estimation.keys import length_key, position_key, velocity_key
 from fgpose.estimation.process_noise import initial_density
 from fgpose.estimation.segment import Predecessor, Segment
-from fgpose.skeleton import MAX_JOINTS, Skeleton
+from fgpose.skeleton import MAX_JOINTS, BoneLengths, Skeleton
 
 NAN = np.nan
 FRAME = 7
@@ -59,8 +59,8 @@ def newest(walking_scene, rig, skeleton) -> Segment:
         evidence,
         everyone,
         np.full(skeleton.n_lengths, 0.3),
-        0.01,
         np.ones((1, skeleton.n_joints)),
+        BoneLengths(np.full(skeleton.n_lengths, 0.3), np.full(skeleton.n_lengths, 0.01)),
         lengths_known=True,
         before=Predecessor(float(evidence.time_s[0]) - STEP_S, everyone[0]),
         first_frame=FRAME,
@@ -310,9 +310,9 @@ def test_bones_whose_length_is_not_known_have_no_factor(skeleton, newest):
     assert not of_kind(LengthPriors.of, newest)
     estimated = replace(newest, lengths_known=False)
     assert names(of_kind(bone_lengths, estimated)) == {"CustomFactor": len(skeleton.bones) - 2}
-    priors = of_kind(LengthPriors.of, estimated)
-    assert len(priors) == skeleton.n_lengths - 1
-    assert length_key(skeleton.length_of_bone[0]) not in {keys(factor)[0] for factor in priors}
+    (prior,) = of_kind(LengthPriors.of, estimated)
+    assert len(keys(prior)) == skeleton.n_lengths - 1
+    assert length_key(skeleton.length_of_bone[0]) not in keys(prior)
 
 
 def test_a_bone_whose_joints_start_at_one_point_has_no_range_factor(skeleton, newest):

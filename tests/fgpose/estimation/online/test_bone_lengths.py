@@ -12,6 +12,7 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.factors.prior import length_prior
 from fgpose.estimation.initial_guess import median_lengths
 from fgpose.estimation.online import bone_lengths
 from fgpose.estimation.online.bone_lengths import RunningLengths
@@ -221,11 +222,11 @@ def test_a_bone_that_is_known_tells_of_the_others(skeleton: Skeleton) -> None:
     """Who has short thighs is small."""
     thigh = skeleton.length_names.index("left_hip-left_knee")
     shank = skeleton.length_names.index("left_knee-left_ankle")
-    guess = np.full(skeleton.n_lengths, 0.3), np.full(skeleton.n_lengths, 0.3)
-    vague_m, vague_m2 = bone_lengths.prior(skeleton, BoneLengths.unknown(skeleton.n_lengths), *guess)
+    guess = np.full(skeleton.n_lengths, 0.3), 0.3
+    vague_m, vague_m2 = length_prior(skeleton, None, *guess)
     lengths_m, sigma_m = np.full((2, skeleton.n_lengths), np.nan)
     lengths_m[thigh], sigma_m[thigh] = 0.26, 0.01
-    of_child_m, of_child_m2 = bone_lengths.prior(skeleton, BoneLengths(lengths_m, sigma_m), *guess)
+    of_child_m, of_child_m2 = length_prior(skeleton, BoneLengths(lengths_m, sigma_m), *guess)
     assert of_child_m[thigh] == pytest.approx(0.26, abs=0.01)
     assert of_child_m[shank] == pytest.approx(vague_m[shank] * 0.26 / vague_m[thigh], rel=0.15)
     assert of_child_m2[shank, shank] < 0.5 * vague_m2[shank, shank]
@@ -235,8 +236,7 @@ def test_a_bone_that_is_known_tells_of_the_others(skeleton: Skeleton) -> None:
 def test_what_was_known_before_counts_once(skeleton: Skeleton) -> None:
     """Also of the head, of which the proportions say nothing: its first guess is known to 0.3 m only."""
     before = BoneLengths(np.full(skeleton.n_lengths, 0.2), np.full(skeleton.n_lengths, 0.01))
-    wide_m = np.full(skeleton.n_lengths, 0.3)
-    mean_m, covariance_m2 = bone_lengths.prior(skeleton, before, np.full_like(wide_m, 0.1), wide_m)
+    mean_m, covariance_m2 = length_prior(skeleton, before, np.full(skeleton.n_lengths, 0.1), 0.3)
     head = skeleton.length_names.index("neck_base-head")
     assert mean_m[head] == pytest.approx(0.2, abs=1e-3)
     assert np.sqrt(covariance_m2[head, head]) == pytest.approx(0.01, rel=0.01)

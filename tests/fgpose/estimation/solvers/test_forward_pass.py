@@ -16,6 +16,7 @@ from fgpose.estimation.segment import Predecessor, Segment
 from fgpose.estimation.solvers.forward_pass import ForwardPass
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
+from fgpose.skeleton import BoneLengths
 from fgpose_benchmarks.synthetic import Scene
 
 N_FRAMES = 6
@@ -34,7 +35,8 @@ def segment_of(scene: Scene, rig: fgpose.CameraRig, config: Config) -> Segment:
     lengths_m = median_lengths(skeleton, evidence.guess_m)
     density = np.random.default_rng(0).uniform(0.3, 30.0, size=active.shape)
     seen = replace(evidence, undistorted_px=undistorted_px)
-    return Segment(rig, skeleton, config, seen, active, lengths_m, 0.01, density, lengths_known=True)
+    known = BoneLengths(lengths_m, np.full_like(lengths_m, 0.01))
+    return Segment(rig, skeleton, config, seen, active, lengths_m, density, known, lengths_known=True)
 
 
 def solved(

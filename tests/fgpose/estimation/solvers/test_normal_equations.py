@@ -25,7 +25,7 @@ from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.geometry.camera import CameraRig
-from fgpose.skeleton import Skeleton
+from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose_benchmarks.synthetic import Scene
 
 N_FRAMES = 9
@@ -101,7 +101,7 @@ def difficult_segment(scene: Scene, rig: CameraRig, config: Config, **changes: A
     lengths_m = median_lengths(skeleton, evidence.guess_m)
     lengths_m[2] = np.nan
     density = np.random.default_rng(1).uniform(0.3, 30.0, size=active.shape)
-    return Segment(rig, skeleton, config, evidence, active, lengths_m, 0.3, density)
+    return Segment(rig, skeleton, config, evidence, active, lengths_m, density)
 
 
 def both(scene: Scene, rig: CameraRig, config: Config, **changes: Any) -> tuple[NormalEquations, GtsamBatch]:
@@ -161,7 +161,8 @@ def test_damped_steps_are_those_of_the_graph(walking_scene, rig):
 def test_known_lengths_are_those_of_the_graph(walking_scene, rig):
     segment = difficult_segment(walking_scene, rig, Config())
     sigma_m = np.linspace(0.01, 0.03, len(segment.lengths_m))
-    segment = dataclasses.replace(segment, lengths_known=True, length_sigma_m=sigma_m)
+    known = BoneLengths(segment.lengths_m, sigma_m)
+    segment = dataclasses.replace(segment, lengths_known=True, known=known)
     check_two_steps(NormalEquations(segment), GtsamBatch(segment))
 
 
@@ -170,8 +171,9 @@ def test_correlated_lengths_are_those_of_the_graph(walking_scene, rig):
     """Who has long legs has long arms."""
     segment = difficult_segment(walking_scene, rig, Config())
     lengths_m = segment.lengths_m * np.linspace(0.9, 1.2, len(segment.lengths_m))
-    covariance_m2 = 0.09 * np.outer(lengths_m, lengths_m) + 0.0009 * np.eye(len(lengths_m))
-    segment = dataclasses.replace(segment, lengths_m=lengths_m, length_covariance_m2=covariance_m2)
+    lengths_m[::3] = np.nan
+    known = BoneLengths(lengths_m, np.where(np.isnan(lengths_m), np.inf, 0.02))
+    segment = dataclasses.replace(segment, known=known)
     check_two_steps(NormalEquations(segment), GtsamBatch(segment))
 
 
@@ -332,7 +334,7 @@ def test_a_bone_of_length_zero(walking_scene, rig, skeleton, form):
 def test_one_frame(walking_scene, rig, skeleton):
     evidence = gather(walking_scene.observations.frames(slice(0, 1)), rig, Config())
     lengths_m = median_lengths(skeleton, evidence.guess_m)
-    segment = Segment(rig, skeleton, Config(), evidence, np.ones((1, 17), dtype=bool), lengths_m, 0.3, np.ones((1, 17)))
+    segment = Segment(rig, skeleton, Config(), evidence, np.ones((1, 17), dtype=bool), lengths_m, np.ones((1, 17)))
     check_two_steps(NormalEquations(segment), GtsamBatch(segment))
 
 
@@ -396,7 +398,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         held_information=np.zeros((1, 17, 3, 3)),
     )
     ours = NormalEquations(
-        Segment(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3, np.ones((1, 17)))
+        Segment(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), np.ones((1, 17)))
     )
     of_detections = np.zeros((3, 3))
     for camera in pair.cameras:
