@@ -1,40 +1,78 @@
 """The bias of the detections of each joint in each camera: an error that is the same in every frame.
 
 Networks place a joint beside where bones and other views have it, and calibrations are off by centimetres. If such an
-error is taken for noise, a joint jumps whenever a camera ceases to see it. With the mean residual m_c of a joint in
-camera c and its mean Jacobian J_c, in metres at the joint,
+error is taken for noise, a joint jumps whenever a camera ceases to see it. With the mean residual m_cj of a joint in a
+camera and its mean Jacobian J_cj, in metres at the joint,
 
-    m_c = J_c d + b_c + e_c,    b_c ~ N(0, s_c^2),    e_c ~ N(0, spread^2 / n + timing^2),
+    m_cj = J_cj d_j + s_c + b_cj + e_cj,
+    s_c ~ N(0, S_c^2),    b_cj ~ N(0, v_c^2),    e_cj ~ N(0, spread^2 / n + timing^2),
 
-where d is by how much the joint itself would have to move. Nothing is known of d beforehand, so that what all cameras
-have in common is no bias, but an error of the joint. The variances s_c^2 are re-estimated from the biases (MacKay 1992,
-Bayesian interpolation), and shrunk by ratios towards what is usual: a camera that was moved after its calibration has
-larger ones than the others.
+where d_j is by how much the joint itself would have to move, and s_c what all joints have in common in a camera that is
+not where the calibration has it. Nothing is known of d beforehand, so that what all cameras have in common is no bias,
+but an error of the joint. How large S and v are is weighed by the evidence for some hypotheses (MacKay 1992, Bayesian
+interpolation): all cameras alike, or one that was moved, or that is worse than the others. The result is the mean over
+the hypotheses (Hoeting et al. 1999, Bayesian model averaging).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from fgpose.estimation.noise import LEAST_SPREAD_M, MEMORY_S, shrunk
+from fgpose.estimation.noise import MEMORY_S
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 
-# What is usual counts as so many well-determined biases, for all cameras and for one against all; each camera has two
-# for each joint.
-_PRIOR_BIASES = 4.0
-USUAL_M = 0.01
-"""Standard deviation along each axis of the image that is usual; BlazePose and OpenPose have 9 to 12 mm on a recording
-(fgpose_benchmarks.synthetic.real_errors), calibrations add theirs."""
-_TURNS = 10  # of the re-estimation: three times as many change no error on the tuning clips of the benchmark by 0.1 %
+# Standard deviations along each axis of the image: of the detector's biases, of which so much is usual (BlazePose and
+# OpenPose have 9 to 12 mm on a recording, fgpose_benchmarks.synthetic.real_errors), within so many factors of e; and of
+# what calibrations add. Four steps to a factor of ten tell as much as eight.
+_BIASES_M, _USUAL_M, _FACTORS = (0.003, 0.008, 0.02, 0.05), 0.01, 0.7
+_SHIFTS_M = (0.002, 0.008, 0.03)
+# One camera that has moved, by so much; or whose detections are so many times as bad. And how probable each is.
+_MOVED_M, _TIMES_WORSE, _PROBABILITY = (0.05, 0.2), (3.0, 10.0), 0.01
 _LEAST_MEASUREMENTS = 1.0
 _EVERY_S = 0.5  # it takes half a millisecond, and biases change slowly
 # Information on d, 1/m^2: keeps it finite where one camera is alone, and is nothing beside any detection.
 _NEXT_TO_NOTHING = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class _Hypotheses:
+    """How large the biases of each camera are."""
+
+    variance_m2: Float[np.ndarray, "size camera"]
+    """Of the biases of joints."""
+    size: Int[np.ndarray, " hypothesis"]
+    """Which of these."""
+    shift_m2: Float[np.ndarray, "hypothesis camera"]
+    """Variance of what all joints have in common."""
+    log_probability: Float[np.ndarray, " hypothesis"]
+    """Before anything is measured."""
+
+    @staticmethod
+    @lru_cache(maxsize=8)
+    def of(n_cameras: int) -> _Hypotheses:
+        sizes_m2, rows = [], []
+        for bias_m in _BIASES_M:
+            usual = -0.5 * (np.log(bias_m / _USUAL_M) / _FACTORS) ** 2
+            for camera, times in [(0, 1.0), *product(range(n_cameras), _TIMES_WORSE)]:
+                own_m = np.full(n_cameras, bias_m)
+                own_m[camera] *= times
+                worse = np.log(_PROBABILITY / len(_TIMES_WORSE)) if times > 1 else 0.0
+                sizes_m2.append(own_m**2)
+                moves = [(0, 0.0)] if times > 1 else [(0, 0.0), *product(range(n_cameras), _MOVED_M)]
+                for shift_m, (other, moved_m) in product(_SHIFTS_M, moves):
+                    own_shift_m = np.full(n_cameras, shift_m)
+                    own_shift_m[other] = max(moved_m, shift_m)
+                    moved = np.log(_PROBABILITY / len(_MOVED_M)) if moved_m else 0.0
+                    rows.append((len(sizes_m2) - 1, own_shift_m**2, usual + worse + moved))
+        size, shift_m2, log_probability = zip(*rows, strict=True)
+        return _Hypotheses(np.array(sizes_m2), np.array(size), np.array(shift_m2), np.array(log_probability))
 
 
 class Bias(NamedTuple):
@@ -107,38 +145,130 @@ class ResidualSums:
             spread_m: standard deviation of the detections of each camera but for the bias.
         """
         enough = self.measurements >= _LEAST_MEASUREMENTS
+        if not (enough.sum(axis=0) >= 2).any():
+            return Bias.none(*enough.shape)
         n = np.where(enough, self.measurements, 1.0)
         mean_m, jacobian = self.offset_m / n[..., None], self.jacobian / n[..., None, None]
         noise_m2 = (spread_m[:, None] ** 2 + self.timing_m2) / n
-        variance_m2, bias_m = np.full(len(n), USUAL_M**2), np.zeros_like(mean_m)
-        for _ in range(_TURNS):
-            precision = np.where(enough, 1 / (variance_m2[:, None] + noise_m2), 0.0)
-            covariance_m2, weighted = _of_moves(precision, jacobian)
-            moved_m = np.einsum("jab,cjib,cji->ja", covariance_m2, weighted, mean_m)
-            share = variance_m2[:, None] * precision
-            bias_m = share[..., None] * (mean_m - np.einsum("cjia,ja->cji", jacobian, moved_m))
-            common = np.einsum("cjia,jab,cjib->cj", weighted, covariance_m2, jacobian)
-            determined = np.sum(share * (2 - common), axis=1)
-            determined = np.maximum(determined, 1e-9)
-            own_m2 = np.maximum(np.sum(bias_m**2, axis=(1, 2)) / determined, LEAST_SPREAD_M**2)
-            of_all_m2 = np.exp(np.average(np.log(own_m2), weights=determined))
-            usual_m2 = shrunk(of_all_m2, determined.sum(), USUAL_M**2, _PRIOR_BIASES)
-            variance_m2 = shrunk(own_m2, determined, usual_m2, _PRIOR_BIASES)
-        of_known_m2, of_mean_m2 = (
-            np.trace(_of_moves(np.where(enough, 1 / of_camera_m2[:, None], 0.0), jacobian)[0], axis1=-2, axis2=-1)
-            for of_camera_m2 in (variance_m2, np.full_like(variance_m2, variance_m2.mean()))
+        hypotheses = _Hypotheses.of(len(n))
+        total_m2 = hypotheses.variance_m2[:, :, None] + noise_m2
+        moves = _Moves.of(mean_m, jacobian, np.where(enough, 1 / total_m2, 0.0))
+        shifts = _Shifts.of(hypotheses, mean_m, jacobian, total_m2, enough)
+        share = np.where(enough, hypotheses.variance_m2[:, :, None] / total_m2, 0.0)
+        return _mean_over(hypotheses, shifts, moves, jacobian, share, enough)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """By how much the joints would have to move, for each size of biases."""
+
+    precision: Float[np.ndarray, "size camera joint"]
+    information: Float[np.ndarray, "size joint 3 3"]
+    """On d."""
+    moved_m: Float[np.ndarray, "size joint 3"]
+    """d, if no camera is shifted."""
+    by_shift: Float[np.ndarray, "size joint 3 view"]
+    """By how much d is less for a shift along one axis of the image of one camera."""
+    by_view: Float[np.ndarray, "size joint 3 view"]
+    left_m: Float[np.ndarray, "size camera joint 2"]
+    """What is left of the residuals."""
+
+    @staticmethod
+    def of(
+        mean_m: Float[np.ndarray, "camera joint 2"],
+        jacobian: Float[np.ndarray, "camera joint 2 3"],
+        precision: Float[np.ndarray, "size camera joint"],
+    ) -> _Moves:
+        weighted = precision[..., None, None] * jacobian
+        information = np.einsum("kcjia,cjib->kjab", weighted, jacobian) + _NEXT_TO_NOTHING * np.eye(3)
+        by_view = weighted.transpose(0, 2, 4, 1, 3).reshape(*information.shape[:3], -1)
+        by_shift = np.linalg.solve(information, by_view)
+        moved_m = by_shift @ mean_m.transpose(1, 0, 2).reshape(mean_m.shape[1], -1)[..., None]
+        left_m = mean_m - np.einsum("cjia,kja->kcji", jacobian, moved_m[..., 0])
+        return _Moves(precision, information, moved_m[..., 0], by_shift, by_view, left_m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shifts:
+    """By how much all joints are shifted in each camera, for each hypothesis."""
+
+    mean_m: Float[np.ndarray, "hypothesis view"]
+    covariance_m2: Float[np.ndarray, "hypothesis view view"]
+    probability: Float[np.ndarray, " hypothesis"]
+
+    @staticmethod
+    def of(
+        hypotheses: _Hypotheses,
+        mean_m: Float[np.ndarray, "camera joint 2"],
+        jacobian: Float[np.ndarray, "camera joint 2 3"],
+        total_m2: Float[np.ndarray, "size camera joint"],
+        enough: Bool[np.ndarray, "camera joint"],
+    ) -> _Shifts:
+        """With the mean Jacobian of each camera: then no shift is told from a move of the whole body. With their own,
+        small errors of another pattern, such as that of the focal length, would tell it falsely. What joints have to
+        move by themselves is taken from the residuals before."""
+        precision = np.where(enough, 1 / total_m2, 0.0)
+        alike = np.where(enough, 1.0, 0.0)[None]
+        left_m = _Moves.of(mean_m, jacobian, alike).left_m[0]
+        of_camera = (
+            np.sum(alike[0, ..., None, None] * jacobian, axis=1) / np.maximum(alike[0].sum(axis=1), 1.0)[:, None, None]
         )
-        several = enough.sum(axis=0) >= 2
-        return Bias(bias_m, np.where(several, np.minimum(of_known_m2 / of_mean_m2, 1.0), 1.0))
+        moves = _Moves.of(left_m, np.broadcast_to(of_camera[:, None], jacobian.shape), precision)
+        n_views = moves.by_view.shape[-1]
+        gradient = np.einsum("kcj,kcji->kci", precision, moves.left_m).reshape(-1, n_views)
+        information = np.repeat(precision.sum(axis=2), 2, axis=-1)[..., None] * np.eye(n_views)
+        information = information - np.einsum("kjav,kjaw->kvw", moves.by_view, moves.by_shift, optimize=True)
+        # What the hypotheses differ in of the logarithm of the evidence, d and the shifts integrated out.
+        of_size = -0.5 * np.einsum("kcj,kcji,cji->k", precision, moves.left_m, left_m, optimize=True)
+        of_size -= np.sum(np.where(enough, np.log(total_m2), 0.0), axis=(1, 2))
+        of_size -= 0.5 * np.linalg.slogdet(moves.information)[1].sum(axis=-1)
+        prior = 1 / np.repeat(hypotheses.shift_m2, 2, axis=-1)
+        information = information[hypotheses.size] + prior[..., None] * np.eye(n_views)
+        covariance_m2, gradient = np.linalg.inv(information), gradient[hypotheses.size]
+        shift_m = np.einsum("hvw,hw->hv", covariance_m2, gradient)
+        evidence = of_size[hypotheses.size] + 0.5 * np.einsum("hv,hv->h", gradient, shift_m)
+        evidence += 0.5 * np.log(prior).sum(axis=-1) - 0.5 * np.linalg.slogdet(information)[1]
+        odds = evidence + hypotheses.log_probability
+        probability = np.exp(odds - odds.max())
+        return _Shifts(shift_m, covariance_m2, probability / probability.sum())
 
 
-def _of_moves(
-    precision: Float[np.ndarray, "camera joint"], jacobian: Float[np.ndarray, "camera joint 2 3"]
-) -> tuple[Float[np.ndarray, "joint 3 3"], Float[np.ndarray, "camera joint 2 3"]]:
-    """Covariance of d, if the mean residuals have this precision, 1/m^2; and the weighted Jacobians."""
-    weighted = precision[..., None, None] * jacobian
-    information = np.einsum("cjia,cjib->jab", weighted, jacobian) + _NEXT_TO_NOTHING * np.eye(3)
-    return np.linalg.inv(information), weighted
+def _mean_over(
+    hypotheses: _Hypotheses,
+    shifts: _Shifts,
+    moves: _Moves,
+    jacobian: Float[np.ndarray, "camera joint 2 3"],
+    share: Float[np.ndarray, "size camera joint"],
+    enough: Bool[np.ndarray, "camera joint"],
+) -> Bias:
+    """The biases over all hypotheses; of what is left of a residual this share is bias, and not noise."""
+
+    def by_size(values: np.ndarray) -> np.ndarray:
+        sums = np.zeros((len(share), *values.shape[1:]))
+        np.add.at(sums, hypotheses.size, np.einsum("h,h...->h...", shifts.probability, values))
+        return sums
+
+    of_size, shift_m = by_size(np.ones(len(shifts.probability))), by_size(shifts.mean_m)
+    shift_m2 = by_size(shifts.covariance_m2 + shifts.mean_m[:, :, None] * shifts.mean_m[:, None])
+    # All of a size, times its probability.
+    less_m = np.einsum("kjav,kv->kja", moves.by_shift, shift_m)
+    of_cameras_m = shift_m.reshape(len(share), -1, 1, 2)
+    left_m = of_size[:, None, None, None] * moves.left_m + np.einsum("cjia,kja->kcji", jacobian, less_m) - of_cameras_m
+    bias_m = np.sum(of_cameras_m + share[..., None] * left_m, axis=0)
+    crossed_m2 = np.einsum("kja,kjb->jab", moves.moved_m, less_m)
+    second_m2 = np.einsum("kjav,kvw,kjbw->jab", moves.by_shift, shift_m2, moves.by_shift, optimize=True)
+    second_m2 += np.einsum("k,kja,kjb->jab", of_size, moves.moved_m, moves.moved_m, optimize=True)
+    second_m2 += (
+        np.einsum("k,kjab->jab", of_size, np.linalg.inv(moves.information)) - crossed_m2 - crossed_m2.swapaxes(1, 2)
+    )
+    mean_m = np.einsum("k,kja->ja", of_size, moves.moved_m) - less_m.sum(axis=0)
+    of_known_m2 = np.trace(second_m2 - mean_m[:, :, None] * mean_m[:, None], axis1=-2, axis2=-1)
+    alike_m2 = float(np.mean(of_size @ hypotheses.variance_m2 + shifts.probability @ hypotheses.shift_m2))
+    of_mean = _Moves.of(np.zeros((*enough.shape, 2)), jacobian, np.where(enough, 1 / alike_m2, 0.0)[None])
+    of_mean_m2 = np.trace(np.linalg.inv(of_mean.information[0]), axis1=-2, axis2=-1)
+    several = enough.sum(axis=0) >= 2
+    bias_m = np.where((enough & several)[..., None], bias_m, 0.0)
+    return Bias(bias_m, np.where(several, np.minimum(of_known_m2 / of_mean_m2, 1.0), 1.0))
 
 
 class RunningBias:

@@ -13,7 +13,7 @@ from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import ResidualSums, RunningBias
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
-from fgpose.estimation.smoother import informed
+from fgpose.estimation.settling import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, Scene, motion_from_npz, simulate, walking
@@ -111,6 +111,19 @@ def test_what_all_cameras_have_in_common_stays_unknown(rig: CameraRig, skeleton:
     one_bad = sums_of(one_bad_m, positions_m, rig, count=1e6).bias(SPREAD_M)
     # Three good cameras leave a few times their own variance, which is 0.01 of the mean one.
     assert np.all(one_bad.common_share < 0.1)
+
+
+def test_cameras_that_all_stand_a_little_wrong_are_no_better_than_each_other(
+    rig: CameraRig, skeleton: Skeleton
+) -> None:
+    """All joints of a camera are shifted alike: 34 numbers tell of its shift what 2 would. If they were independent,
+    cameras whose shifts are small by chance would be taken for good ones, and the joints for better known by half."""
+    positions_m, shares = walking(1, FPS, skeleton), []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        error_m = 0.02 * rng.normal(size=(4, 1, 2)) + 0.005 * rng.normal(size=(4, 17, 2))
+        shares.append(sums_of(error_m, positions_m, rig, count=1e4).bias(SPREAD_M).common_share)
+    assert np.mean(shares) > 0.9  # 0.5 if all numbers were independent
 
 
 def test_an_error_of_timing_tells_little_of_a_bias(rig: CameraRig, skeleton: Skeleton) -> None:
