@@ -1,4 +1,4 @@
-"""Errors of joints that fewer than two cameras see, of which the graph does not know."""
+"""Errors of which the graph does not know: of all cameras together, and of joints that fewer than two see."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ def widened(
     rig: CameraRig,
     skeleton: Skeleton,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
-    """The covariance of the graph with what it does not know of joints that fewer than two cameras surely see.
+    """The covariance of the graph with what it does not know: what cameras that all stand a little wrong do, and the
+    errors of joints that fewer than two cameras surely see.
 
     Args:
         covariance_m2: of the graph.
@@ -31,6 +32,7 @@ def widened(
         rig: the cameras.
         skeleton: for the bones.
     """
+    covariance_m2 = at_least(covariance_m2, evidence.bias_m2)
     if not evidence.observed.all():
         least_m2 = sole_view_errors_m2(evidence, positions_m, lasting, rig)
         covariance_m2 = at_least(covariance_m2, least_m2) + other_explanations_m2(evidence, positions_m, rig, skeleton)

@@ -30,13 +30,15 @@ from fgpose.geometry.reprojection import linearized_projection
 
 # Standard deviations along each axis of the image: of the detector's biases, of which so much is usual (BlazePose and
 # OpenPose have 9 to 12 mm on a recording, fgpose_benchmarks.synthetic.real_errors), within so many factors of e; and of
-# what calibrations add. Four steps to a factor of ten tell as much as eight.
-_BIASES_M, _USUAL_M, _FACTORS = (0.003, 0.008, 0.02, 0.05), 0.01, 0.7
-_SHIFTS_M = (0.002, 0.008, 0.03)
-# One camera that has moved, by so much; or whose detections are so many times as bad. And how probable each is.
+# what calibrations add, in steps of a factor of three, within which estimates of so few numbers are known.
+_BIASES_M, _USUAL_M, _FACTORS = (0.001, 0.003, 0.008, 0.02, 0.05), 0.01, 1.0
+_SHIFTS_M = (0.0005, 0.002, 0.005, 0.012, 0.03)
+# One camera that has moved, by so much; or whose detections are so many times as bad. And how probable each is, and
+# what the calibration adds to the others.
 _MOVED_M, _TIMES_WORSE, _PROBABILITY = (0.05, 0.2), (3.0, 10.0), 0.01
+_OTHERS_M = (0.001, 0.005)
 _LEAST_MEASUREMENTS = 1.0
-_EVERY_S = 0.5  # it takes half a millisecond, and biases change slowly
+_EVERY_S = 0.5  # it takes some milliseconds, and biases change slowly
 # Information on d, 1/m^2: keeps it finite where one camera is alone, and is nothing beside any detection.
 _NEXT_TO_NOTHING = 1e-2
 
@@ -57,20 +59,18 @@ class _Hypotheses:
     @staticmethod
     @lru_cache(maxsize=8)
     def of(n_cameras: int) -> _Hypotheses:
-        sizes_m2, rows = [], []
+        sizes_m2, rows, nobody = [], [], [(0, 0.0)]
+        one = np.log(_PROBABILITY / 2)  # two sizes of either
+        alike = list(product(_SHIFTS_M, nobody))
+        moved = list(product(_OTHERS_M, product(range(n_cameras), _MOVED_M)))
         for bias_m in _BIASES_M:
             usual = -0.5 * (np.log(bias_m / _USUAL_M) / _FACTORS) ** 2
-            for camera, times in [(0, 1.0), *product(range(n_cameras), _TIMES_WORSE)]:
-                own_m = np.full(n_cameras, bias_m)
-                own_m[camera] *= times
-                worse = np.log(_PROBABILITY / len(_TIMES_WORSE)) if times > 1 else 0.0
-                sizes_m2.append(own_m**2)
-                moves = [(0, 0.0)] if times > 1 else [(0, 0.0), *product(range(n_cameras), _MOVED_M)]
-                for shift_m, (other, moved_m) in product(_SHIFTS_M, moves):
-                    own_shift_m = np.full(n_cameras, shift_m)
-                    own_shift_m[other] = max(moved_m, shift_m)
-                    moved = np.log(_PROBABILITY / len(_MOVED_M)) if moved_m else 0.0
-                    rows.append((len(sizes_m2) - 1, own_shift_m**2, usual + worse + moved))
+            worse = product(range(n_cameras), _TIMES_WORSE) if bias_m in _BIASES_M[1:-1] else []
+            for camera, times in [(0, 1.0), *worse]:
+                sizes_m2.append(np.where(np.arange(n_cameras) == camera, times * bias_m, bias_m) ** 2)
+                for shift_m, (other, moved_m) in [*alike, *moved] if times == 1 else alike[1:2]:
+                    own_m = np.where(np.arange(n_cameras) == other, max(moved_m, shift_m), shift_m)
+                    rows.append((len(sizes_m2) - 1, own_m**2, usual + (one if moved_m or times > 1 else 0.0)))
         size, shift_m2, log_probability = zip(*rows, strict=True)
         return _Hypotheses(np.array(sizes_m2), np.array(size), np.array(shift_m2), np.array(log_probability))
 
@@ -83,10 +83,12 @@ class Bias(NamedTuple):
     common_share: Float[np.ndarray, " joint"]
     """Variance of d, which is what biases do to the joint, in that which it would have if all cameras were as bad as
     they are on average: of one bad camera the others know. 1 where nothing is known."""
+    covariance_m2: Float[np.ndarray, "joint 3 3"]
+    """Of what cameras that stand wrong do to d; 0 where nothing is known."""
 
     @staticmethod
     def none(n_cameras: int, n_joints: int) -> Bias:
-        return Bias(np.zeros((n_cameras, n_joints, 2)), np.ones(n_joints))
+        return Bias(np.zeros((n_cameras, n_joints, 2)), np.ones(n_joints), np.zeros((n_joints, 3, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +165,8 @@ class _Moves:
     """By how much the joints would have to move, for each size of biases."""
 
     precision: Float[np.ndarray, "size camera joint"]
-    information: Float[np.ndarray, "size joint 3 3"]
-    """On d."""
+    covariance_m2: Float[np.ndarray, "size joint 3 3"]
+    """Of d, if no camera is shifted."""
     moved_m: Float[np.ndarray, "size joint 3"]
     """d, if no camera is shifted."""
     by_shift: Float[np.ndarray, "size joint 3 view"]
@@ -181,11 +183,12 @@ class _Moves:
     ) -> _Moves:
         weighted = precision[..., None, None] * jacobian
         information = np.einsum("kcjia,cjib->kjab", weighted, jacobian) + _NEXT_TO_NOTHING * np.eye(3)
+        covariance_m2 = np.linalg.inv(information)
         by_view = weighted.transpose(0, 2, 4, 1, 3).reshape(*information.shape[:3], -1)
-        by_shift = np.linalg.solve(information, by_view)
+        by_shift = covariance_m2 @ by_view
         moved_m = by_shift @ mean_m.transpose(1, 0, 2).reshape(mean_m.shape[1], -1)[..., None]
         left_m = mean_m - np.einsum("cjia,kja->kcji", jacobian, moved_m[..., 0])
-        return _Moves(precision, information, moved_m[..., 0], by_shift, by_view, left_m)
+        return _Moves(precision, covariance_m2, moved_m[..., 0], by_shift, by_view, left_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +224,7 @@ class _Shifts:
         # What the hypotheses differ in of the logarithm of the evidence, d and the shifts integrated out.
         of_size = -0.5 * np.einsum("kcj,kcji,cji->k", precision, moves.left_m, left_m, optimize=True)
         of_size -= np.sum(np.where(enough, np.log(total_m2), 0.0), axis=(1, 2))
-        of_size -= 0.5 * np.linalg.slogdet(moves.information)[1].sum(axis=-1)
+        of_size += 0.5 * np.linalg.slogdet(moves.covariance_m2)[1].sum(axis=-1)
         prior = 1 / np.repeat(hypotheses.shift_m2, 2, axis=-1)
         information = information[hypotheses.size] + prior[..., None] * np.eye(n_views)
         covariance_m2, gradient = np.linalg.inv(information), gradient[hypotheses.size]
@@ -256,19 +259,19 @@ def _mean_over(
     left_m = of_size[:, None, None, None] * moves.left_m + np.einsum("cjia,kja->kcji", jacobian, less_m) - of_cameras_m
     bias_m = np.sum(of_cameras_m + share[..., None] * left_m, axis=0)
     crossed_m2 = np.einsum("kja,kjb->jab", moves.moved_m, less_m)
-    second_m2 = np.einsum("kjav,kvw,kjbw->jab", moves.by_shift, shift_m2, moves.by_shift, optimize=True)
-    second_m2 += np.einsum("k,kja,kjb->jab", of_size, moves.moved_m, moves.moved_m, optimize=True)
-    second_m2 += (
-        np.einsum("k,kjab->jab", of_size, np.linalg.inv(moves.information)) - crossed_m2 - crossed_m2.swapaxes(1, 2)
-    )
+    by_shifts_m2 = np.einsum("kjav,kvw,kjbw->jab", moves.by_shift, shift_m2, moves.by_shift, optimize=True)
+    by_shifts_m2 += np.einsum("k,kja,kjb->jab", of_size, moves.moved_m, moves.moved_m, optimize=True)
     mean_m = np.einsum("k,kja->ja", of_size, moves.moved_m) - less_m.sum(axis=0)
-    of_known_m2 = np.trace(second_m2 - mean_m[:, :, None] * mean_m[:, None], axis1=-2, axis2=-1)
+    by_shifts_m2 -= crossed_m2 + crossed_m2.swapaxes(1, 2) + mean_m[:, :, None] * mean_m[:, None]
+    by_biases_m2 = np.einsum("k,kjab->jab", of_size, moves.covariance_m2)
+    of_known_m2 = np.trace(by_shifts_m2 + by_biases_m2, axis1=-2, axis2=-1)
     alike_m2 = float(np.mean(of_size @ hypotheses.variance_m2 + shifts.probability @ hypotheses.shift_m2))
     of_mean = _Moves.of(np.zeros((*enough.shape, 2)), jacobian, np.where(enough, 1 / alike_m2, 0.0)[None])
-    of_mean_m2 = np.trace(np.linalg.inv(of_mean.information[0]), axis1=-2, axis2=-1)
+    of_mean_m2 = np.trace(of_mean.covariance_m2[0], axis1=-2, axis2=-1)
     several = enough.sum(axis=0) >= 2
     bias_m = np.where((enough & several)[..., None], bias_m, 0.0)
-    return Bias(bias_m, np.where(several, np.minimum(of_known_m2 / of_mean_m2, 1.0), 1.0))
+    common = np.where(several, np.minimum(of_known_m2 / of_mean_m2, 1.0), 1.0)
+    return Bias(bias_m, common, np.where(several[:, None, None], by_shifts_m2, 0.0))
 
 
 class RunningBias:

@@ -16,6 +16,7 @@ from fgpose.geometry.camera import CameraRig
 # Arrays by frame and joint, and by frame, camera and joint; the others are of frames as a whole.
 _OF_JOINTS = (
     "bias_share",
+    "bias_m2",
     "credible",
     "n_views",
     "fused_m",
@@ -54,6 +55,8 @@ class Evidence:
     """Bias that was taken from undistorted_px; see fgpose.estimation.evidence.detection_bias."""
     bias_share: Float[np.ndarray, "frame joint"]
     """How much of the constant errors of all cameras is left in each joint after that; see Bias.common_share."""
+    bias_m2: Float[np.ndarray, "frame joint 3 3"]
+    """Covariance of what it does to each joint; see Bias.covariance_m2."""
     weights: Float[np.ndarray, "frame camera joint"]
     """Weight in (0, 1] of each detection; see fgpose.estimation.evidence.weights and visibility."""
     sigma_px: Float[np.ndarray, "frame camera joint"]
@@ -202,6 +205,7 @@ class Evidence:
             undistorted_px=self.measured_px - bias_px,
             bias_px=bias_px,
             bias_share=np.broadcast_to(bias.common_share, self.bias_share.shape),
+            bias_m2=np.broadcast_to(bias.covariance_m2, self.bias_m2.shape),
         )
 
     def with_distances(

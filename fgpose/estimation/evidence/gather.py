@@ -188,6 +188,7 @@ def _not_known_yet(shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
     return {
         "bias_px": np.broadcast_to(0.0, (*shape, 2)),
         "bias_share": np.broadcast_to(1.0, (n_frames, n_joints)),
+        "bias_m2": np.broadcast_to(0.0, (n_frames, n_joints, 3, 3)),
         "visibility": np.broadcast_to(1.0, shape),
         "off_path_m": np.broadcast_to(np.nan, (n_frames, n_joints, 3)),
         "from_bones": np.broadcast_to(np.False_, (n_frames, n_joints)),
