@@ -16,6 +16,7 @@ from fgpose_benchmarks.cli.data import Human36M, OccludeImages, Workcell
 from fgpose_benchmarks.cli.faults import Faults
 from fgpose_benchmarks.cli.method_comparison import MethodComparison, OutputFolder
 from fgpose_benchmarks.cli.people import People
+from fgpose_benchmarks.cli.random_recordings import Random
 
 if TYPE_CHECKING:
     from fgpose_benchmarks.accuracy.variants import Variant
@@ -28,7 +29,7 @@ _QUICK_VARIANTS = ("clean", "occluded", "occluded_2_cameras", "desync_3", "indus
 # As much as fits into 90 seconds on two cores.
 _QUICK_CLIPS = 2
 _QUICK_FRAMES = 100
-ACTIONS = ("open", "people", "calibrate", "faults", "report", "human36m", "occlude", "workcell")
+ACTIONS = ("open", "random", "people", "calibrate", "faults", "report", "human36m", "occlude", "workcell")
 # The first takes as long as all others together; of the lags, none and the one of the tables are enough.
 _NOT_QUICK = ("fgpose batch, self-calibrated", "fgpose online by window, lag 0.2 s", "fgpose online, lag 0.5 s")
 # Larger, smaller losses of accuracy pass --check; smaller, harmless changes of the code fail it.
@@ -173,6 +174,7 @@ class Benchmark:
 
     action: Annotated[
         Annotated[Open, subcommand("open", prefix_name=False)]
+        | Annotated[Random, subcommand("random", prefix_name=False)]
         | Annotated[People, subcommand("people", prefix_name=False)]
         | Annotated[Calibrate, subcommand("calibrate", prefix_name=False)]
         | Annotated[Faults, subcommand("faults", prefix_name=False)]
