@@ -141,7 +141,7 @@ class ResidualSums:
         return ResidualSums(**{name: own + keep * getattr(earlier, name) for name, own in vars(self).items()})
 
     def bias(self, spread_m: Float[np.ndarray, " camera"]) -> Bias:
-        """The most probable biases.
+        """The biases, on average over the hypotheses.
 
         Args:
             spread_m: standard deviation of the detections of each camera but for the bias.
@@ -164,14 +164,14 @@ class ResidualSums:
 class _Moves:
     """By how much the joints would have to move, for each size of biases."""
 
-    precision: Float[np.ndarray, "size camera joint"]
-    covariance_m2: Float[np.ndarray, "size joint 3 3"]
-    """Of d, if no camera is shifted."""
     moved_m: Float[np.ndarray, "size joint 3"]
     """d, if no camera is shifted."""
+    covariance_m2: Float[np.ndarray, "size joint 3 3"]
+    """Of it."""
     by_shift: Float[np.ndarray, "size joint 3 view"]
     """By how much d is less for a shift along one axis of the image of one camera."""
     by_view: Float[np.ndarray, "size joint 3 view"]
+    """The pull of such a shift on the joint: times the covariance, by_shift."""
     left_m: Float[np.ndarray, "size camera joint 2"]
     """What is left of the residuals."""
 
@@ -188,7 +188,7 @@ class _Moves:
         by_shift = covariance_m2 @ by_view
         moved_m = by_shift @ mean_m.transpose(1, 0, 2).reshape(mean_m.shape[1], -1)[..., None]
         left_m = mean_m - np.einsum("cjia,kja->kcji", jacobian, moved_m[..., 0])
-        return _Moves(precision, covariance_m2, moved_m[..., 0], by_shift, by_view, left_m)
+        return _Moves(moved_m[..., 0], covariance_m2, by_shift, by_view, left_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,16 +207,15 @@ class _Shifts:
         total_m2: Float[np.ndarray, "size camera joint"],
         enough: Bool[np.ndarray, "camera joint"],
     ) -> _Shifts:
-        """With the mean Jacobian of each camera: then no shift is told from a move of the whole body. With their own,
-        small errors of another pattern, such as that of the focal length, would tell it falsely. What joints have to
-        move by themselves is taken from the residuals before."""
+        """With the mean Jacobian of each camera, which tells no shift from a move of the whole body. With the joints'
+        own, small errors of another pattern, such as that of the focal length, would tell them apart, and wrongly. What
+        joints have to move by themselves is taken from the residuals before."""
         precision = np.where(enough, 1 / total_m2, 0.0)
         alike = np.where(enough, 1.0, 0.0)[None]
         left_m = _Moves.of(mean_m, jacobian, alike).left_m[0]
-        of_camera = (
-            np.sum(alike[0, ..., None, None] * jacobian, axis=1) / np.maximum(alike[0].sum(axis=1), 1.0)[:, None, None]
-        )
-        moves = _Moves.of(left_m, np.broadcast_to(of_camera[:, None], jacobian.shape), precision)
+        sums, n_joints = np.einsum("cj,cjia->cia", alike[0], jacobian), np.maximum(alike[0].sum(axis=1), 1.0)
+        of_camera = np.broadcast_to((sums / n_joints[:, None, None])[:, None], jacobian.shape)
+        moves = _Moves.of(left_m, of_camera, precision)
         n_views = moves.by_view.shape[-1]
         gradient = np.einsum("kcj,kcji->kci", precision, moves.left_m).reshape(-1, n_views)
         information = np.repeat(precision.sum(axis=2), 2, axis=-1)[..., None] * np.eye(n_views)
