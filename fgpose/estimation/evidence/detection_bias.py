@@ -16,7 +16,7 @@ the hypotheses (Hoeting et al. 1999, Bayesian model averaging).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
@@ -37,6 +37,7 @@ _SHIFTS_M = (0.0005, 0.002, 0.005, 0.012, 0.03)
 # what the calibration adds to the others.
 _MOVED_M, _TIMES_WORSE, _PROBABILITY = (0.05, 0.2), (3.0, 10.0), 0.01
 _OTHERS_M = (0.001, 0.005)
+_NEGLIGIBLE = 1e-4
 _LEAST_MEASUREMENTS = 1.0
 _EVERY_S = 0.5  # it takes some milliseconds, and biases change slowly
 # Information on d, 1/m^2: keeps it finite where one camera is alone, and is nothing beside any detection.
@@ -73,6 +74,12 @@ class _Hypotheses:
                     rows.append((len(sizes_m2) - 1, own_m**2, usual + (one if moved_m or times > 1 else 0.0)))
         size, shift_m2, log_probability = zip(*rows, strict=True)
         return _Hypotheses(np.array(sizes_m2), np.array(size), np.array(shift_m2), np.array(log_probability))
+
+    def only(self, kept: Bool[np.ndarray, " hypothesis"]) -> _Hypotheses:
+        """Some of them."""
+        return replace(
+            self, size=self.size[kept], shift_m2=self.shift_m2[kept], log_probability=self.log_probability[kept]
+        )
 
 
 class Bias(NamedTuple):
@@ -157,7 +164,7 @@ class ResidualSums:
         moves = _Moves.of(mean_m, jacobian, np.where(enough, 1 / total_m2, 0.0))
         shifts = _Shifts.of(hypotheses, mean_m, jacobian, total_m2, enough)
         share = np.where(enough, hypotheses.variance_m2[:, :, None] / total_m2, 0.0)
-        return _mean_over(hypotheses, shifts, moves, jacobian, share, enough)
+        return _mean_over(shifts, moves, jacobian, share, enough)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +200,9 @@ class _Moves:
 
 @dataclass(frozen=True, eq=False)
 class _Shifts:
-    """By how much all joints are shifted in each camera, for each hypothesis."""
+    """By how much all joints are shifted in each camera, for each hypothesis that is probable."""
 
+    hypotheses: _Hypotheses
     mean_m: Float[np.ndarray, "hypothesis view"]
     covariance_m2: Float[np.ndarray, "hypothesis view view"]
     probability: Float[np.ndarray, " hypothesis"]
@@ -226,17 +234,18 @@ class _Shifts:
         of_size += 0.5 * np.linalg.slogdet(moves.covariance_m2)[1].sum(axis=-1)
         prior = 1 / np.repeat(hypotheses.shift_m2, 2, axis=-1)
         information = information[hypotheses.size] + prior[..., None] * np.eye(n_views)
-        covariance_m2, gradient = np.linalg.inv(information), gradient[hypotheses.size]
-        shift_m = np.einsum("hvw,hw->hv", covariance_m2, gradient)
+        gradient = gradient[hypotheses.size]
+        shift_m = np.linalg.solve(information, gradient[..., None])[..., 0]
         evidence = of_size[hypotheses.size] + 0.5 * np.einsum("hv,hv->h", gradient, shift_m)
         evidence += 0.5 * np.log(prior).sum(axis=-1) - 0.5 * np.linalg.slogdet(information)[1]
         odds = evidence + hypotheses.log_probability
         probability = np.exp(odds - odds.max())
-        return _Shifts(shift_m, covariance_m2, probability / probability.sum())
+        kept = probability > _NEGLIGIBLE * probability.sum()
+        probability = probability[kept] / probability[kept].sum()
+        return _Shifts(hypotheses.only(kept), shift_m[kept], np.linalg.inv(information[kept]), probability)
 
 
 def _mean_over(
-    hypotheses: _Hypotheses,
     shifts: _Shifts,
     moves: _Moves,
     jacobian: Float[np.ndarray, "camera joint 2 3"],
@@ -244,6 +253,8 @@ def _mean_over(
     enough: Bool[np.ndarray, "camera joint"],
 ) -> Bias:
     """The biases over all hypotheses; of what is left of a residual this share is bias, and not noise."""
+
+    hypotheses = shifts.hypotheses
 
     def by_size(values: np.ndarray) -> np.ndarray:
         sums = np.zeros((len(share), *values.shape[1:]))
