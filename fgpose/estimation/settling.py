@@ -17,6 +17,7 @@ from fgpose.estimation.solvers.optimum import optimum
 from fgpose.estimation.visibility.sole_views import with_distances
 from fgpose.estimation.visibility.visibility import judged
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.skeleton import Skeleton
 
 # What follows from a solution has settled when a step is shorter than so many tolerances.
@@ -61,7 +62,7 @@ def _started(segment: Segment) -> Solution:
 
 def _n_inliers(positions_m: Float[np.ndarray, "frame joint 3"], segment: Segment) -> int:
     evidence, rig = segment.evidence, segment.rig
-    error_px = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1)
+    error_px = reprojection_residual_px(evidence.undistorted_px, rig, positions_m)
     return int(np.sum(evidence.detected & (error_px < rig.in_own_px(segment.config.fusion.inlier_px))))
 
 

@@ -19,11 +19,10 @@ _SCORES = "scores.json"
 class Random:
     """Recordings whose rig, motion and errors are drawn at random, beside a linear method and an oracle.
 
-    2 to 8 cameras, calibrated exactly or not, 15 to 100 Hz, detections with heavy tails,
-    biases, swapped sides, joints that are hidden and then missing, adrift, frozen or in the background, useless
-    confidences, per-view 3D of several kinds. A recording takes about a minute on one core, most of it online. Writes
-    scores.json and report.md into the output folder. Finished results are kept there in the folder cache, so an
-    interrupted run continues where it was.
+    2 to 8 cameras, calibrated exactly or not, 15 to 100 Hz, detections with heavy tails, biases, swapped sides, joints
+    that are hidden and then missing, adrift, frozen or in the background, useless confidences, per-view 3D of several
+    kinds. A recording takes about a minute on one core, most of it online. Writes scores.json and report.md into the
+    output folder. Finished results are kept there in the folder cache, so an interrupted run continues where it was.
 
     Example: fgpose benchmark random --recordings 10
     """

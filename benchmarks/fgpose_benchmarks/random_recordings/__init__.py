@@ -1,1 +1,1 @@
-"""Recordings whose rig, motion and errors are drawn at random: what no default was chosen on."""
+"""Recordings whose rig, motion and errors are drawn at random, by no error model of the other benchmarks."""

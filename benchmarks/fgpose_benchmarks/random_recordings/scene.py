@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +13,9 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_benchmarks.random_recordings.conditions import Conditions
 from fgpose_benchmarks.synthetic.motion import embedded_motion
 from fgpose_benchmarks.synthetic.rig import look_at
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 _MAX_FRAMES = 300  # with more, online takes longer than anybody waits
 # Chosen: how different the cameras of one laboratory are.
@@ -30,18 +35,24 @@ def motion_m(conditions: Conditions) -> Float[np.ndarray, "frame joint 3"]:
 
 def moved_m(conditions: Conditions, time_s: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "frame joint 3"]:
     """The true joints at any time; before and after the clip its first and last pose."""
-    from scipy.interpolate import CubicSpline
-
-    clip_m, clip_fps = embedded_motion(conditions.clip)
-    clip_m = clip_m - clip_m[:, :1].mean(axis=0) * (1.0, 1.0, 0.0)
-    frame = np.clip(time_s * conditions.speed * clip_fps, 0, len(clip_m) - 1)
-    return np.asarray(CubicSpline(np.arange(len(clip_m)), clip_m)(frame))
+    at_frame_m, last_frame, clip_fps = _clip(conditions.clip)
+    return np.asarray(at_frame_m(np.clip(time_s * conditions.speed * clip_fps, 0, last_frame)))
 
 
 def _n_frames(conditions: Conditions) -> int:
-    clip_m, clip_fps = embedded_motion(conditions.clip)
-    duration_s = min(conditions.duration_s, (len(clip_m) - 1) / (clip_fps * conditions.speed))
+    _, last_frame, clip_fps = _clip(conditions.clip)
+    duration_s = min(conditions.duration_s, last_frame / (clip_fps * conditions.speed))
     return min(int(duration_s * conditions.fps), _MAX_FRAMES)
+
+
+@lru_cache(maxsize=1)  # each camera of a recording asks for it
+def _clip(name: str) -> tuple[CubicSpline, int, float]:
+    """The joints by frame, the last frame, and frames per second."""
+    from scipy.interpolate import CubicSpline
+
+    clip_m, fps = embedded_motion(name)
+    clip_m = clip_m - clip_m[:, :1].mean(axis=0) * (1.0, 1.0, 0.0)
+    return CubicSpline(np.arange(len(clip_m)), clip_m), len(clip_m) - 1, fps
 
 
 def true_rig(conditions: Conditions, rng: np.random.Generator) -> CameraRig:

@@ -253,7 +253,6 @@ def _mean_over(
     enough: Bool[np.ndarray, "camera joint"],
 ) -> Bias:
     """The biases over all hypotheses; of what is left of a residual this share is bias, and not noise."""
-
     hypotheses = shifts.hypotheses
 
     def by_size(values: np.ndarray) -> np.ndarray:
