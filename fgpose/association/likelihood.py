@@ -80,6 +80,20 @@ class Likelihood:
         near_px = _NEAR_M / SIGMA_M * expected.sigma_px
         return Likelihood(log_ratio, near_px[:, :, None] ** 2 / image_px2)
 
+    def with_camera(self, camera: int, other: Likelihood) -> Likelihood:
+        """With the likelihood of the image of one camera in place of its own, by its number."""
+
+        def changed(own: np.ndarray, new: np.ndarray) -> np.ndarray:
+            own = own.copy()
+            own[camera] = new[0]
+            return own
+
+        distance_log_ratio = None
+        if self.distance_log_ratio is not None and other.distance_log_ratio is not None:
+            distance_log_ratio = changed(self.distance_log_ratio, other.distance_log_ratio)
+        log_ratio, near_share = changed(self.log_ratio, other.log_ratio), changed(self.near_share, other.near_share)
+        return Likelihood(log_ratio, near_share, distance_log_ratio)
+
     @cached_property
     def probability(self) -> Float[np.ndarray, "camera person detection joint"]:
         """That a joint of the detection is that of the person, if the detection is; 0 where there is none."""

@@ -16,6 +16,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import Detections
 
 _FITS, _DOES_NOT_FIT = 0.9, 0.1  # probabilities that a joint is of a person
+_TURNS = 2  # in which detections that may be of several people are given anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +135,27 @@ class Matches:
         probability[camera, person, joint] = likelihood.probability[camera, person, of_detection, joint]
         return probability
 
+    def update(
+        self,
+        people: PoseFilters,
+        expected: Expected,
+        moment: Moment,
+        likelihood: Likelihood,
+        without: int | None = None,
+    ) -> PoseFilters:
+        """The people after what is matched to them, without the image of one camera.
+
+        Args:
+            people, expected: before, and what the cameras should detect.
+            moment, likelihood: whose detections these are.
+            without: number of the camera.
+        """
+        residual_px = self.of(moment.points_px) - expected.pixels
+        if without is not None:
+            residual_px[without] = np.nan
+        distance = None if moment.distances is None else moment.distances.taken(self.of).against(expected)
+        return people.updated(residual_px, expected, self.probability(likelihood), distance)
+
     def of(self, array: np.ndarray) -> np.ndarray:
         """The values of the matched joints, (C, K, J, ...), from those of the detections, (C, P, J, ...); NaN: none."""
         if not array.shape[1]:
@@ -242,6 +264,9 @@ def follow(
 ) -> tuple[PoseFilters, Matches]:
     """Give the detections of a moment to the people whom they fit, and let these follow them.
 
+    Where a detection may be of several people, it is given once more by where the other cameras say that they are: two
+    who pass each other in one view are apart in others (iterated conditional modes, Besag 1986).
+
     Args:
         people: as they are known so far.
         priority: people of a higher one choose first.
@@ -250,10 +275,25 @@ def follow(
     """
     people = people.predicted(moment.time_s)
     expected = people.seen_by(moment.cameras, moment.times_s)
-    as_detected = moment.likelihood(expected)
-    likelihood, mirrored = as_detected.mirrored_where_better(expected, moment.points_px, moment.cameras, mirror)
+    likelihood, mirrored = moment.likelihood(expected).mirrored_where_better(
+        expected, moment.points_px, moment.cameras, mirror
+    )
     matches = match(likelihood, mirrored, priority, mirror)
-    residual_px = matches.of(moment.points_px) - expected.pixels
-    weight = matches.probability(likelihood)
-    distance = None if moment.distances is None else moment.distances.taken(matches.of).against(expected)
-    return people.updated(residual_px, expected, weight, distance), matches
+    for _ in range(_TURNS if moment.cameras.n_cameras > 1 else 0):
+        contested = np.flatnonzero(np.any(np.sum(likelihood.score > 0, axis=1) > 1, axis=-1))
+        by_others, mirrored = likelihood, mirrored.copy()
+        for camera in contested.tolist():
+            elsewhere, own = (
+                matches.update(people, expected, moment, likelihood, without=camera),
+                moment.of_camera(camera),
+            )
+            there = elsewhere.seen_by(own.cameras, own.times_s)
+            of_camera, mirrored[camera : camera + 1] = own.likelihood(there).mirrored_where_better(
+                there, own.points_px, own.cameras, mirror
+            )
+            by_others = by_others.with_camera(camera, of_camera)
+        before, likelihood = matches, by_others
+        matches = match(likelihood, mirrored, priority, mirror)
+        if np.array_equal(matches.chosen, before.chosen):
+            break
+    return matches.update(people, expected, moment, likelihood), matches

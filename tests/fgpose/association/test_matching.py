@@ -6,10 +6,14 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from rooms import body_m, moment_of
 
 from fgpose.association.likelihood import Likelihood
-from fgpose.association.matching import Matches, match
+from fgpose.association.matching import Matches, follow, match
+from fgpose.association.pose_filter import PoseFilters
 from fgpose.correspondences import NOBODY
+from fgpose.skeleton import Skeleton
+from fgpose_benchmarks.synthetic import ring_rig
 
 N_JOINTS = 4
 MIRROR = np.array([0, 2, 1, 3])
@@ -173,3 +177,38 @@ def test_images_without_detections_and_rooms_without_people() -> None:
     assert (matched(np.zeros((3, 2, 0, N_JOINTS))).chosen == NOBODY).all()
     assert matched(np.zeros((3, 0, 2, N_JOINTS)), []).is_free.all()
     assert Matches.nobody(3, 2, N_JOINTS).is_free.all()
+
+
+@pytest.fixture
+def passing(skeleton: Skeleton) -> tuple[np.ndarray, PoseFilters]:
+    """Two people 0.7 m apart, 24 cm beside each other in the first camera, and predicted the other way round there."""
+    away = ring_rig(3).cameras[0].world_T_camera[:2, 2].copy()
+    away /= np.linalg.norm(away)
+    aside = np.array([-away[1], away[0]])
+    true_m = np.stack([body_m(skeleton, (side * (0.12 * aside - 0.35 * away)).tolist()) for side in (1, -1)])
+    wrong_m = [body_m(skeleton, (side * (-0.12 * aside - 0.35 * away)).tolist()) for side in (1, -1)]
+    covariance_m2 = np.tile(0.2**2 * np.eye(3), (skeleton.n_joints, 1, 1))
+    return true_m, PoseFilters.stacked([PoseFilters.at(0.0, each_m, covariance_m2) for each_m in wrong_m])
+
+
+def test_who_pass_each_other_in_one_view_are_told_apart_by_the_others(
+    skeleton: Skeleton, passing: tuple[np.ndarray, PoseFilters]
+) -> None:
+    rig, (true_m, people) = ring_rig(3), passing
+    moment = moment_of(rig, [list(true_m)] * 3, np.random.default_rng(0))
+    expected = people.seen_by(rig, moment.times_s)
+    none, equal = np.zeros((3, 2, 2), dtype=bool), np.zeros(2, dtype=int)
+    np.testing.assert_array_equal(
+        match(moment.likelihood(expected), none, equal, skeleton.mirror).chosen, [[1, 0], [0, 1], [0, 1]]
+    )
+    found, matches = follow(people, equal, moment, skeleton.mirror)
+    np.testing.assert_array_equal(matches.chosen, [[0, 1], [0, 1], [0, 1]])
+    # 3 px are 12 mm at 4.5 m; the worst of 34 joints from three views.
+    assert np.linalg.norm(found.positions_m - true_m, axis=-1).max() < 0.06
+
+
+def test_one_camera_alone_has_no_others(skeleton: Skeleton, passing: tuple[np.ndarray, PoseFilters]) -> None:
+    true_m, people = passing
+    moment = moment_of(ring_rig(3).subset(["ring_0"]), [list(true_m)], np.random.default_rng(0))
+    _, matches = follow(people, np.zeros(2, dtype=int), moment, skeleton.mirror)
+    np.testing.assert_array_equal(matches.chosen, [[1, 0]])
