@@ -12,36 +12,27 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from fgpose.association.appearance import MeanAppearance, Resemblance
 from fgpose.association.detectability import Blind, detection_probability
-from fgpose.association.founding import MAX_GAIN, found, found_alone
+from fgpose.association.founding import MAX_GAIN, Founded, found, found_alone
 from fgpose.association.identity import Builds, Likeness, Passage
+from fgpose.association.likelihood import padded
 from fgpose.association.lost import Lost
 from fgpose.association.matching import Matches, Moment, follow
 from fgpose.association.pose_filter import PoseFilters
-from fgpose.association.track import Track, TrackEvent, TrackState
+from fgpose.association.track import COASTING_S, SAME_MOMENT_S, Track, TrackEvent, TrackState
 from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
 from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 
-# Errors of detections are correlated over about so much time: images within it tell once.
-_CORRELATED_S = 0.1
-# A detector that misses somebody misses them for about so long.
-_MISSED_S = 0.3
 # Log of the probability that all cameras miss somebody who is there, at which they are taken to have gone.
 _GONE = np.log(1e-3)
-# Nobody is so certain that being absent for a second would not count.
-_MAX_SCORE = 30.0
-# Older images of other cameras are of the same moment for somebody who walks (5 cm at 1 m/s).
-_SAME_MOMENT_S = 0.05
 # Odds of somebody who is tentative, and time without a detection, at which they are given up.
 _HARDLY, _TENTATIVE_S = -2.0, 0.2
-# How far from where they are predicted somebody who coasts is found again: the body may have turned round.
-_FOUND_AGAIN_M, _WALKS_MPS = 0.3, 1.0
-_COASTING_S = 0.1  # without a detection for longer, the pose is called predicted
 # Two tracks whose middles stay this near for this long are one person, found twice; unless they were seen apart.
 _ONE_BODY_M, _ONE_BODY_S = 0.2, 0.3
 
@@ -98,7 +89,9 @@ class Follower:
         self.tracks: list[Track] = []
         self.events: list[TrackEvent] = []
         self._free: dict[str, Moment] = {}
-        """Of each camera the detections in its newest image that are nobody's."""
+        """Of each camera the detections in its newest image that are nobody's, or of somebody whom it alone shows."""
+        self._of_one_view: dict[str, dict[int, Track]] = {}
+        """By camera, who the latter are, by the number of the detection."""
         self._n_tracks = self.n_people = 0
         self._lost = Lost(self._config.forget_s) if lost is None else lost
         self.resemblance = Resemblance()
@@ -140,8 +133,7 @@ class Follower:
         matches = self._match(moment)
         self._tell_apart(matches)
         self._look(images, matches)
-        free = moment.without(~matches.is_free)
-        self._free |= {name: free.of_camera(c) for c, name in enumerate(moment.cameras.names)}
+        self._offer(moment, matches)
         begun = self._found(moment.time_s)
         self._age(moment.time_s)
         return [Sighting(image, tracks, matches, c, tuple(begun[image.camera])) for c, image in enumerate(images)]
@@ -186,67 +178,85 @@ class Follower:
                     if chosen != NOBODY:
                         track.likeness.looks.add(image.appearance[chosen])
 
+    def _offer(self, moment: Moment, matches: Matches) -> None:
+        """The detections on which cameras may agree."""
+        offered = matches.is_free
+        for c, name in enumerate(moment.cameras.names):
+            self._of_one_view[name] = {
+                int(matches.chosen[c, k]): track
+                for k, track in enumerate(self.tracks)
+                if matches.chosen[c, k] != NOBODY and track.drifts(moment.time_s)
+            }
+            offered[c, list(self._of_one_view[name])] = True
+        free = moment.without(~offered)
+        self._free |= {name: free.of_camera(c) for c, name in enumerate(moment.cameras.names)}
+
     def _score(self, people: PoseFilters, matches: Matches, moment: Moment) -> None:
         probability = detection_probability(people, people, moment.cameras)
         self._blind.learn(moment.cameras.names, moment.times_s, probability, matches.chosen.T != NOBODY)
         missed = np.log1p(-self._blind.sees(moment.cameras.names) * probability)
+        shows = matches.chosen != NOBODY
+        gain = np.where(shows, np.minimum(matches.gain, MAX_GAIN), missed.T)
         for k, track in enumerate(self.tracks):
             track.pose = people[k : k + 1]
-            for c, (name, time_s) in enumerate(zip(moment.cameras.names, moment.times_s.tolist(), strict=True)):
-                is_found = bool(matches.chosen[c, k] != NOBODY)
-                gain = min(float(matches.gain[c, k]), MAX_GAIN) if is_found else float(missed[k, c])
-                if is_found:
-                    track.seen_s = max(track.seen_s, time_s)
-                    track.cameras.add(name)
-                since_s = max(time_s - track.scored_s.get(name, -np.inf), 0.0)
-                gain *= min(since_s / (_CORRELATED_S if is_found else _MISSED_S), 1.0)
-                track.score = min(track.score + gain, _MAX_SCORE)
-                track.absent += 0.0 if is_found else gain
-                track.scored_s[name] = max(time_s, track.scored_s.get(name, time_s))
-            if (matches.chosen[:, k] != NOBODY).any():
-                track.absent = 0.0
+            track.told(moment.cameras.names, moment.times_s, shows[:, k], gain[:, k], self._n_agreeing)
 
     def _found(self, now_s: float) -> dict[str, list[NewPerson]]:
-        """Follow those who are new. By camera those whom its newest image shows."""
+        """Follow those who are new, or found again. By camera those whom its newest image shows."""
         begun: dict[str, list[NewPerson]] = {name: [] for name in self.rig.names}
-        recent = [free for free in self._free.values() if free.time_s > now_s - _SAME_MOMENT_S]
-        agreeing = sum(bool(np.isfinite(free.points_px).any()) for free in recent) >= self._n_agreeing
-        if not agreeing and not any(free.tells_distance.any() for free in recent):
+        recent = [free for free in self._free.values() if free.time_s > now_s - SAME_MOMENT_S]
+        shown = padded([np.isfinite(free.points_px[0]).all(axis=-1).any(axis=-1) for free in recent], False)
+        of_one_view = np.zeros(shown.shape, dtype=bool)
+        for c, free in enumerate(recent):
+            of_one_view[c, list(self._of_one_view[free.cameras.names[0]])] = True
+        agreeing = shown.any(axis=1).sum() >= self._n_agreeing or any(free.tells_distance.any() for free in recent)
+        if not agreeing or not (shown & ~of_one_view).any():
             return begun
         moment = Moment.together(recent, self.rig)
         known = PoseFilters.stacked([track.pose for track in self.tracks]) if self.tracks else None
         alone = self.rig.n_cameras == 1
-        people = found_alone(moment) if alone else found(moment, known, self._skeleton, self._blind)
+        people = found_alone(moment) if alone else found(moment, known, self._skeleton, self._blind, of_one_view)
         for somebody in people:
             numbers = zip(moment.cameras.names, somebody.chosen.tolist(), strict=True)
             chosen = {name: number for name, number in numbers if number != NOBODY}
-            # On whom several agree was searched for among all their pairs: that does not count again.
-            score = min(somebody.score, MAX_GAIN) if len(chosen) == 1 else 0.0
-            track = self._begin(somebody.pose, score, set(chosen), moment)
-            for name, number in chosen.items():
+            shows = {name: self._of_one_view[name].get(number) for name, number in chosen.items()}
+            track = self._whose(somebody.pose.middle_m[0], [each for each in shows.values() if each], now_s)
+            nobodys = {name: number for name, number in chosen.items() if shows[name] is None}
+            is_shown = any(track is each for each in shows.values() if each)
+            if not is_shown and len(nobodys) < min(len(chosen), self._n_agreeing):
+                continue
+            track = self._begin(track, somebody, nobodys, moment)
+            for name, number in nobodys.items():
                 self._free[name].points_px[0, number] = np.nan
-                begun[name].append(NewPerson(track, number, somebody.pose))
+                begun[name].append(NewPerson(track.number, number, somebody.pose))
         return begun
 
-    def _begin(self, pose: PoseFilters, score: float, cameras: set[str], moment: Moment) -> int:
-        """The number of the track: of the nearest who coasts near there, or a new one."""
-        now_s = moment.time_s
-        coasting = [track for track in self.tracks if track.is_confirmed and track.seen_s < now_s - _SAME_MOMENT_S]
-        middle_m = pose.middle_m[0]
-        for track in sorted(coasting, key=lambda track: float(np.linalg.norm(track.middle_m - middle_m))):
-            unseen_s = now_s - track.seen_s
-            if np.linalg.norm(track.middle_m - middle_m) < _FOUND_AGAIN_M + _WALKS_MPS * unseen_s:
-                track.pose, track.seen_s, track.absent = pose, now_s, 0.0
-                track.cameras |= cameras
-                self._note(now_s, track, "found again", f"{', '.join(sorted(cameras))} agree on a body near there")
-                return track.number
+    def _whose(self, middle_m: Float[np.ndarray, " 3"], shown: Collection[Track], now_s: float) -> Track | None:
+        """Who a body is on which cameras agree: of those whom one of them alone shows, else of those who coast, the
+        nearest who may have come there."""
+        coasting = [track for track in self.tracks if track.is_confirmed and track.seen_s < now_s - SAME_MOMENT_S]
+        for tracks, is_shown in ((shown, True), (coasting, False)):
+            may_be = [track for track in tracks if track.may_be(middle_m, now_s, is_shown=is_shown)]
+            if may_be:
+                return min(may_be, key=lambda track: float(np.linalg.norm(track.middle_m - middle_m)))
+        return None
+
+    def _begin(self, known: Track | None, somebody: Founded, cameras: Collection[str], moment: Moment) -> Track:
+        """The track of somebody on whom these cameras agree, whom it finds again, or a new one."""
+        now_s, shown_s = moment.time_s, dict.fromkeys(cameras, moment.time_s)
+        if known is not None:
+            known.found_again(somebody.pose, shown_s)
+            self._note(now_s, known, "found again", f"{', '.join(sorted(known.at_once))} agree on a body near there")
+            return known
+        # On whom several agree was searched for among all their pairs: that does not count again.
+        score = min(somebody.score, MAX_GAIN) if len(cameras) == 1 else 0.0
         likeness = Likeness(self._skeleton, MeanAppearance(self.resemblance))
-        track = Track(self._n_tracks, pose, score, now_s, now_s, set(cameras), likeness)
+        track = Track(self._n_tracks, somebody.pose, score, now_s, now_s, shown_s, likeness)
         # Of the others too: that they do not show them was counted.
         track.scored_s = dict(zip(moment.cameras.names, moment.times_s.tolist(), strict=True))
         self._n_tracks += 1
         self.tracks.append(track)
-        return track.number
+        return track
 
     def _age(self, now_s: float) -> None:
         # At worst somebody is founded in vain in every second.
@@ -264,7 +274,7 @@ class Follower:
             elif track.absent < _GONE or unseen_s > min(self._config.coast_s, max(_TENTATIVE_S, age_s / 2)):
                 self._lose(track, now_s, f"not detected for {unseen_s:.1f} s")
             else:
-                track.state = TrackState.COASTING if unseen_s > _COASTING_S else TrackState.CONFIRMED
+                track.state = TrackState.COASTING if unseen_s > COASTING_S else TrackState.CONFIRMED
         self._merge(now_s)
         self.tracks = [track for track in self.tracks if track.state is not TrackState.ENDED]
         self._learn(now_s)
@@ -275,7 +285,7 @@ class Follower:
         track.person = self.n_people
         self.n_people += 1
         self.person_of_track[track.number] = track.person
-        self._note(now_s, track, "confirmed", f"{', '.join(sorted(track.cameras))} agree, log odds {track.score:.1f}")
+        self._note(now_s, track, "confirmed", f"{', '.join(sorted(track.shown_s))} agree, log odds {track.score:.1f}")
 
     def _lose(self, track: Track, now_s: float, reason: str) -> None:
         track.state = TrackState.ENDED
@@ -285,7 +295,7 @@ class Follower:
     def _learn(self, now_s: float) -> None:
         confirmed = [track for track in self.tracks if track.is_confirmed]
         for track in confirmed:
-            if track.seen_s > now_s - _SAME_MOMENT_S:
+            if track.seen_s > now_s - SAME_MOMENT_S:
                 track.likeness.add(track.pose, now_s)
         self._lost.learn(confirmed, now_s)
         self.resemblance.learn([track.likeness.looks for track in confirmed], now_s)

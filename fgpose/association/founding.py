@@ -46,7 +46,13 @@ class Founded:
     """Log of the ratio of probabilities, against that the detections have nothing to do with each other."""
 
 
-def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton, blind: Blind | None = None) -> list[Founded]:
+def found(
+    moment: Moment,
+    known: PoseFilters | None,
+    skeleton: Skeleton,
+    blind: Blind | None = None,
+    of_one_view: Bool[np.ndarray, "camera detection"] | None = None,
+) -> list[Founded]:
     """People on whom at least two cameras agree, then those of whom one alone tells the distance; of each kind the most
     probable first. No detection is of two of them.
 
@@ -56,14 +62,17 @@ def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton, blind: 
         known: those who are followed already; they may hide somebody.
         skeleton: the joints.
         blind: which cameras cannot be believed to see anybody; learns from what they show of those who are found.
+        of_one_view: which detections are of somebody who is followed in this view alone: only with one that is nobody's
+            do they make a body.
     """
     blind = blind or Blind(moment.cameras.names)
     people: list[Founded] = []
     free = _most_confident(np.asarray(np.isfinite(moment.points_px).all(axis=-1).any(axis=-1)), moment.confidence)
+    of_one_view = np.zeros(free.shape, dtype=bool) if of_one_view is None else of_one_view
     for candidates, n_cameras, least, max_gain in ((_pairs, 2, _MIN_SCORE, np.inf), (_at_a_distance, 1, 0.0, MAX_GAIN)):
         while np.count_nonzero(free.any(axis=1)) >= n_cameras:
             rest = moment.without(~free)
-            bodies = candidates(rest, free, skeleton)
+            bodies = candidates(rest, free, of_one_view, skeleton)
             if not len(bodies.score):
                 break
             best = _best_supported(bodies, rest, known, max_gain, blind)
@@ -123,12 +132,18 @@ class _Bodies:
     both be wrong about it."""
 
 
-def _pairs(moment: Moment, free: Bool[np.ndarray, "camera detection"], skeleton: Skeleton) -> _Bodies:
+def _pairs(
+    moment: Moment,
+    free: Bool[np.ndarray, "camera detection"],
+    of_one_view: Bool[np.ndarray, "camera detection"],
+    skeleton: Skeleton,
+) -> _Bodies:
     """Two detections of different cameras whose rays meet in a body; only the best."""
     candidates = np.argwhere(free)
-    pairs = np.array(
-        [(a, b) for a, b in combinations(range(len(candidates)), 2) if candidates[a, 0] != candidates[b, 0]]
-    )
+    pairs = np.array(list(combinations(range(len(candidates)), 2)))
+    of_one_camera = np.equal(*candidates[pairs, 0].T)
+    nobodys_in_none = of_one_view[tuple(candidates.T)][pairs].all(axis=1)
+    pairs = pairs[~of_one_camera & ~nobodys_in_none]
     rays = np.stack(
         [_rays(camera, points) for camera, points in zip(moment.cameras.cameras, moment.points_px, strict=True)]
     )
@@ -179,10 +194,15 @@ def _fit_of_distance(
     return score_of(log_ratio_of(told_m - distance_m, variance_m2 + off_m2, distance_m)[..., None])
 
 
-def _at_a_distance(moment: Moment, free: Bool[np.ndarray, "camera detection"], skeleton: Skeleton) -> _Bodies:
+def _at_a_distance(
+    moment: Moment,
+    free: Bool[np.ndarray, "camera detection"],
+    of_one_view: Bool[np.ndarray, "camera detection"],
+    skeleton: Skeleton,
+) -> _Bodies:
     """Detections of which the camera tells the distance, and which make a body there."""
     enough = moment.tells_distance.sum(axis=-1) >= min(_MIN_JOINTS, skeleton.n_joints)
-    camera, detection = np.nonzero(free & enough)
+    camera, detection = np.nonzero(free & ~of_one_view & enough)
     joints_m = np.full((len(camera), *moment.points_px.shape[2:3], 3), np.nan)
     for n, (c, number) in enumerate(zip(camera.tolist(), detection.tolist(), strict=True)):
         joints_m[n] = _joints_m(moment, c, number)

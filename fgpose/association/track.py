@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.association.identity import Likeness, Passage
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.correspondences import NOBODY
 from fgpose.trajectory import Estimate
 
+SAME_MOMENT_S = 0.05
+"""Older images of other cameras are of the same moment for somebody who walks (5 cm at 1 m/s)."""
+COASTING_S = 0.1
+"""Without a detection for longer, the pose is called predicted."""
+# Errors of detections are correlated over about so much time: images within it tell once.
+_CORRELATED_S = 0.1
+# A detector that misses somebody misses them for about so long.
+_MISSED_S = 0.3
+# Nobody is so certain that being absent for a second would not count.
+_MAX_SCORE = 30.0
+# How far somebody is found again from where they are predicted, and from where two cameras agreed on them: the body may
+# have turned round.
+_FOUND_AGAIN_M, _WALKS_MPS, _RUNS_MPS = 0.3, 1.0, 3.0
 # How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
 _RECOGNISED_WITHIN_S = 3.0
 
@@ -56,8 +69,8 @@ class Track:
     founded_s: float
     seen_s: float
     """When a camera last detected them."""
-    cameras: set[str]
-    """Those that have detected them."""
+    shown_s: dict[str, float]
+    """When each camera last detected them, of those that have."""
     likeness: Likeness
     absent: float = 0.0
     """Log of the probability that cameras have missed them, although they were there, since one last detected them."""
@@ -76,7 +89,68 @@ class Track:
     """Numbers of those who were seen beside them in one image."""
 
     def __post_init__(self) -> None:
-        self.founded_m = self.middle_m
+        self.founded_m = self.agreed_m = self.middle_m
+        self.agreed_s = self.founded_s
+        """When enough cameras to tell where last detected them at once; -inf if none did for a while since."""
+
+    def told(
+        self,
+        cameras: Sequence[str],
+        times_s: Float[np.ndarray, " camera"],
+        shows: Bool[np.ndarray, " camera"],
+        gain: Float[np.ndarray, " camera"],
+        n_agreeing: int,
+    ) -> None:
+        """The images of a moment show them or not.
+
+        Args:
+            cameras, times_s: of the images.
+            shows: whether each does.
+            gain: what it tells for or against that they are there.
+            n_agreeing: so many cameras tell where.
+        """
+        before_s = self.seen_s
+        for name, time_s, is_shown, told in zip(cameras, times_s.tolist(), shows.tolist(), gain.tolist(), strict=True):
+            since_s = max(time_s - self.scored_s.get(name, -np.inf), 0.0)
+            told *= min(since_s / (_CORRELATED_S if is_shown else _MISSED_S), 1.0)
+            self.score = min(self.score + told, _MAX_SCORE)
+            self.scored_s[name] = max(time_s, self.scored_s.get(name, time_s))
+            if is_shown:
+                self.seen_s = max(self.seen_s, time_s)
+                self.shown_s[name] = max(time_s, self.shown_s.get(name, time_s))
+            else:
+                self.absent += told
+        if not shows.any():
+            return
+        self.absent = 0.0
+        if self.seen_s > before_s + _MISSED_S:
+            self.agreed_s = -np.inf
+        if len(self.at_once) >= n_agreeing:
+            self.agreed_s, self.agreed_m = self.seen_s, self.middle_m
+
+    def may_be(self, middle_m: Float[np.ndarray, " 3"], now_s: float, *, is_shown: bool) -> bool:
+        """Whether a body may be theirs on which cameras agree: one of those that show them, or others, of somebody of
+        whom nothing is seen."""
+        if is_shown:
+            off_m, most_m = middle_m - self.agreed_m, _FOUND_AGAIN_M + _RUNS_MPS * (now_s - self.agreed_s)
+        else:
+            off_m, most_m = middle_m - self.middle_m, _FOUND_AGAIN_M + _WALKS_MPS * (now_s - self.seen_s)
+        return bool(np.linalg.norm(off_m) < most_m)
+
+    def drifts(self, now_s: float) -> bool:
+        """Whether one camera alone has shown them for a while: then they drift along its rays."""
+        return self.is_confirmed and COASTING_S < now_s - self.agreed_s < np.inf
+
+    @property
+    def at_once(self) -> list[str]:
+        """The cameras that show them in the newest images."""
+        return [name for name, shown_s in self.shown_s.items() if shown_s > self.seen_s - SAME_MOMENT_S]
+
+    def found_again(self, pose: PoseFilters, shown_s: Mapping[str, float]) -> None:
+        """Cameras agree on where they are."""
+        self.pose, self.absent, self.seen_s = pose, 0.0, max(shown_s.values())
+        self.shown_s |= shown_s
+        self.agreed_s, self.agreed_m = self.seen_s, self.middle_m
 
     @property
     def is_confirmed(self) -> bool:

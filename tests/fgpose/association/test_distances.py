@@ -140,7 +140,7 @@ def test_a_wrong_distance_loses_nobody(rig: CameraRig, skeleton: Skeleton) -> No
             pairs = zip(images, seen_by.cameras, strict=True)
             follower.see([with_3d(each, camera, [person_m], 1.4) for each, camera in pairs])
         assert people_of(follower) == [0]
-        assert follower.tracks[0].cameras == set(seen_by.names)
+        assert set(follower.tracks[0].shown_s) == set(seen_by.names)
         # 3 px are 12 mm, and the joints have the wrong distances with the little weight that is left to these.
         assert np.linalg.norm(follower.tracks[0].pose.positions_m[0] - person_m, axis=-1).max() < 0.1
 

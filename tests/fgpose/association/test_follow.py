@@ -347,7 +347,7 @@ def test_skeletons_without_bones_and_sides(n_joints: int, rig: CameraRig, skelet
 def track_at(follower: Follower, skeleton: Skeleton, number: int, place_m: tuple[float, float]) -> Track:
     """Somebody who is followed, and was seen just now."""
     pose = PoseFilters.at(0.0, body_m(skeleton, place_m), np.tile(1e-4 * np.eye(3), (skeleton.n_joints, 1, 1)))
-    track = Track(number, pose, 20.0, -5.0, 0.0, {"ring_0", "ring_1"}, Likeness(skeleton))
+    track = Track(number, pose, 20.0, -5.0, 0.0, {"ring_0": 0.0, "ring_1": 0.0}, Likeness(skeleton))
     track.state, track.person, track.confirmed_s = TrackState.CONFIRMED, number, -5.0
     follower.tracks.append(track)
     return track
@@ -400,6 +400,52 @@ def test_who_is_found_again_is_not_lost_at_the_next_miss(
     follower.see([image(rig, 0, 0.2, [])])
     assert [event.what for event in follower.events] == ["found again"]
     assert follower.tracks == [track]
+
+
+@pytest.fixture
+def drifted(follower: Follower, rig: CameraRig, skeleton: Skeleton) -> Track:
+    """Somebody at (0, 0) whom the first camera alone has shown for 0.4 s, taken to be farther from it by a sixth: there
+    they look the same to it."""
+    track = track_at(follower, skeleton, 0, (0.0, 0.0))
+    eye_m = rig.cameras[0].position_m
+    track.pose = replace(
+        track.pose, mean=track.pose.mean + np.pad((track.pose.positions_m - eye_m) / 6, [(0, 0), (0, 0), (0, 3)])
+    )
+    track.shown_s, track.agreed_s = dict.fromkeys(rig.names, -0.4) | {"ring_0": 0.0}, -0.4
+    return track
+
+
+def test_who_has_drifted_in_one_view_is_found_again_where_others_see_them(
+    follower: Follower, rig: CameraRig, skeleton: Skeleton, drifted: Track
+) -> None:
+    person_m = body_m(skeleton)
+    assert np.linalg.norm(drifted.middle_m - np.median(person_m, axis=0)) > 0.7
+    still(follower, rig, [person_m], 10)
+    assert follower.tracks == [drifted]
+    assert what_happened(follower) == ["found again"]
+    # A tenth of the 0.75 m that they had drifted.
+    np.testing.assert_allclose(drifted.middle_m, np.median(person_m, axis=0), atol=0.07)
+
+
+def test_who_was_elsewhere_when_two_cameras_agreed_is_somebody_else(
+    follower: Follower, rig: CameraRig, skeleton: Skeleton, drifted: Track
+) -> None:
+    """3 m away 0.4 s before."""
+    drifted.agreed_m = drifted.middle_m + np.array([0.0, 3.0, 0.0])
+    still(follower, rig, [body_m(skeleton)], 1)
+    assert len(follower.tracks) == 2
+    assert what_happened(follower) == []
+
+
+def test_who_was_seen_by_nobody_in_between_is_somebody_else(
+    follower: Follower, rig: CameraRig, skeleton: Skeleton, drifted: Track
+) -> None:
+    """The first camera shows them again after 0.4 s: it may show another one."""
+    drifted.shown_s["ring_0"] = drifted.seen_s = -0.4
+    still(follower, rig, [body_m(skeleton)], 1)
+    assert drifted.shown_s["ring_0"] == 0.0
+    assert len(follower.tracks) == 2
+    assert what_happened(follower) == []
 
 
 def test_the_end_confirms_nobody_against_whom_images_tell(

@@ -223,3 +223,11 @@ def test_one_camera_leaves_out_who_is_hardly_seen(skeleton: Skeleton) -> None:
     confidence = np.stack([np.where(np.arange(17) < 3, 0.9, 0.0), np.full(17, 0.9)])
     (founded,) = found_alone(Moment.of([Detections(seen.camera, 0.0, seen.points2d_px, confidence)], rig))
     np.testing.assert_array_equal(founded.chosen, [1])
+
+
+def test_who_are_followed_in_one_view_each_are_not_found_anew(three: CameraRig, skeleton: Skeleton) -> None:
+    moment = moment_of(three, [[body_m(skeleton)]] * 3, np.random.default_rng(0))
+    followed = np.array([[True], [True], [False]])
+    assert found(moment, None, skeleton, of_one_view=np.ones((3, 1), dtype=bool)) == []
+    (founded,) = found(moment, None, skeleton, of_one_view=followed)
+    np.testing.assert_array_equal(founded.chosen, [0, 0, 0])
