@@ -12,8 +12,10 @@ import tyro
 from fgpose_benchmarks.cli.benchmark import Benchmark
 from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.comparison.scores import Score, load_scores
-from fgpose_benchmarks.random_recordings import scene
+from fgpose_benchmarks.people.scores import PeopleScore
+from fgpose_benchmarks.random_recordings import crowds, scene
 from fgpose_benchmarks.random_recordings.conditions import Conditions, draw
+from fgpose_benchmarks.random_recordings.crowds import draw_crowd, record_crowd
 from fgpose_benchmarks.random_recordings.errors import switching
 from fgpose_benchmarks.random_recordings.recording import LEAST_TOLD, record, recordings, share_told
 
@@ -132,3 +134,30 @@ def test_from_arguments_to_the_report(monkeypatch: pytest.MonkeyPatch, tmp_path:
 def test_impossible_numbers_are_named(option: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=option.split("=")[0]):
         tyro.cli(Benchmark, args=["random", option, "-o", str(tmp_path)]).run()
+
+
+def test_crowds_are_the_same_at_each_call_and_have_the_errors_that_were_drawn() -> None:
+    conditions = replace(
+        draw_crowd(3), n_people=2, duration_s=2.0, grabbed_share=0.0, flipped_share=0.0, min_visible_joints=1
+    )
+    simple = replace(SIMPLE, radius_m=5.5, n_cameras=4, sigma_m=0.02)
+    first, again = (record_crowd(replace(conditions, detector=simple)) for _ in range(2))
+    exact = record_crowd(replace(conditions, detector=replace(simple, sigma_m=0.0)))
+    off_m = []
+    for image, same, right, hidden in zip(
+        first.observations.images, again.observations.images, exact.observations.images, first.scene.hidden, strict=True
+    ):
+        np.testing.assert_array_equal(image.points2d_px, same.points2d_px)
+        camera = first.rig.cameras[first.rig.names.index(image.camera)]
+        off_m.append((image.points2d_px - right.points2d_px)[~hidden] / camera.K[0, 0] * 5.5)
+    # Each joint its own 0.4 to 2.5 times as much, and people up to a third nearer or farther than the ring is wide.
+    assert 0.01 < np.nanmedian(np.abs(np.concatenate(off_m))) / 0.6745 < 0.04
+
+
+def test_several_people_from_arguments_to_the_report(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(crowds._CROWD, "duration_s", (1.0,))
+    arguments = ["random", "--people", "--first", "5", "--recordings", "1", "--workers", "0", "-o", str(tmp_path)]
+    tyro.cli(Benchmark, args=Benchmark.completed([*arguments, "--methods", "greedy triangulation"])).run()
+    (score,) = load_scores(tmp_path / "scores.json", PeopleScore)
+    assert (score.clip, score.n_people) == ("0005", draw_crowd(5).n_people)
+    assert "| greedy triangulation | " in (tmp_path / "report.md").read_text(encoding="utf-8")

@@ -128,10 +128,11 @@ def draw(seed: int) -> Conditions:
         ValueError: the seed is negative.
     """
     rng = np.random.default_rng(seed)
-    return Conditions(seed=seed, **{name: _pick(rng, options) for name, options in _OPTIONS.items()})
+    return Conditions(seed=seed, **{name: pick(rng, options) for name, options in _OPTIONS.items()})
 
 
-def _pick(rng: np.random.Generator, options: Sequence[_Option]) -> _Option:
+def pick(rng: np.random.Generator, options: Sequence[_Option]) -> _Option:
+    """One of these, each as likely as the others."""
     return options[int(rng.integers(len(options)))]
 
 

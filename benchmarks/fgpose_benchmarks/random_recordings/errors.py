@@ -49,8 +49,8 @@ class Detections:
 
 def detections(views: TrueViews, skeleton: Skeleton, conditions: Conditions, rng: np.random.Generator) -> Detections:
     """What one detector gives in each camera."""
-    error_m = _error_m(views.depth_m.shape, conditions, rng)
-    points_px = views.points_px + error_m * views.px_per_m[..., None]
+    off_m = detection_error_m(views.depth_m.shape, conditions, rng)
+    points_px = views.points_px + off_m * views.px_per_m[..., None]
     hidden = _hidden(views.depth_m.shape, skeleton, conditions, rng)
     points_px = np.where(hidden[..., None], _invented_px(points_px, views, hidden, conditions, rng), points_px)
     swapped, other = _swapped(views.depth_m.shape, skeleton, conditions, rng)
@@ -64,13 +64,14 @@ def detections(views: TrueViews, skeleton: Skeleton, conditions: Conditions, rng
     dropped = rng.random(hidden.shape[:2]) < conditions.dropped_share
     missing = dropped[..., None] | ~(views.depth_m > _NEAREST_M)
     points_px = np.where(missing[..., None], np.nan, points_px)
-    confidence = np.where(np.isfinite(points_px).all(axis=-1), _confidence(error_m, hidden, conditions, rng), 0.0)
+    confidence = np.where(np.isfinite(points_px).all(axis=-1), stated_confidence(off_m, hidden, conditions, rng), 0.0)
     return Detections(points_px, confidence, hidden, hidden | swapped | outlier)
 
 
-def _error_m(
+def detection_error_m(
     shape: tuple[int, ...], conditions: Conditions, rng: np.random.Generator
 ) -> Float[np.ndarray, "frame camera joint 2"]:
+    """Of joints that are seen, at their depth, across the ray; by frame, camera and joint."""
     n_frames, n_cameras, n_joints = shape
     sigma_m = conditions.sigma_m * np.exp(rng.normal(0, _JOINTS_DIFFER, n_joints))
     alone = rng.standard_normal((*shape, 2))
@@ -174,12 +175,13 @@ def _within_image(
     return points_px
 
 
-def _confidence(
-    error_m: Float[np.ndarray, "frame camera joint 2"],
-    hidden: Bool[np.ndarray, "frame camera joint"],
+def stated_confidence(
+    error_m: Float[np.ndarray, "*joints 2"],
+    hidden: Bool[np.ndarray, "*joints"],
     conditions: Conditions,
     rng: np.random.Generator,
-) -> Float[np.ndarray, "frame camera joint"]:
+) -> Float[np.ndarray, "*joints"]:
+    """What the detector says of joints with these errors, and of those that are hidden."""
     if conditions.confidence == "one":
         return np.ones(hidden.shape)
     if conditions.confidence == "random":
