@@ -152,11 +152,20 @@ class Follower:
         """Give the detections to those who are followed, and let these follow them."""
         if not self.tracks:
             return Matches.nobody(*moment.points_px.shape[:3])
-        priority = np.array([track.is_confirmed for track in self.tracks], dtype=int)
+        exists = np.array([self._exists(track) for track in self.tracks])
         people = PoseFilters.stacked([track.pose for track in self.tracks])
-        people, matches = follow(people, priority, moment, self._skeleton.mirror)
+        people, matches = follow(people, exists, moment, self._skeleton.mirror)
         self._score(people, matches, moment)
         return matches
+
+    def _exists(self, track: Track) -> float:
+        """Probability that somebody is there."""
+        return 1.0 if track.is_confirmed else 1 / (1 + np.exp(self._confirm_score - track.score))
+
+    @property
+    def _confirm_score(self) -> float:
+        """At worst somebody is founded in vain in every second."""
+        return np.log(3600.0 / self._config.false_tracks_per_hour)
 
     def _tell_apart(self, matches: Matches) -> None:
         """Who are seen in one image, each at a place of their own, are two, however near they come to each other."""
@@ -259,13 +268,11 @@ class Follower:
         return track
 
     def _age(self, now_s: float) -> None:
-        # At worst somebody is founded in vain in every second.
-        confirm = np.log(3600.0 / self._config.false_tracks_per_hour)
         for track in self.tracks:
             unseen_s, age_s = now_s - track.seen_s, track.seen_s - track.founded_s
             if track.state is TrackState.TENTATIVE:
                 # Who is at the place of somebody else may be the same one, found twice.
-                if track.score >= confirm and not track.near_s:
+                if track.score >= self._confirm_score and not track.near_s:
                     self._confirm(track, now_s)
                 elif track.score < _HARDLY or unseen_s > _TENTATIVE_S:
                     track.state = TrackState.ENDED

@@ -169,7 +169,7 @@ class Matches:
 def match(
     likelihood: Likelihood,
     mirrored: Bool[np.ndarray, "camera person detection"],
-    priority: Int[np.ndarray, " person"],
+    exists: Float[np.ndarray, " person"],
     mirror: Int[np.ndarray, " joint"],
 ) -> Matches:
     """Give each person at most one detection of each image, and each joint of it to the person whom it fits.
@@ -177,13 +177,13 @@ def match(
     Args:
         likelihood: of every detection against every person.
         mirrored: where it is that of the detection with left and right exchanged.
-        priority: people of a higher one choose first.
+        exists: probability that each person is there.
         mirror: the joint on the other side of each.
     """
     n_cameras, n_people, n_detections, n_joints = likelihood.log_ratio.shape
     chosen = np.full((n_cameras, n_people), NOBODY)
     for camera in range(n_cameras):
-        chosen[camera] = _assigned(likelihood.score[camera], priority)
+        chosen[camera] = _assigned(likelihood.score[camera], exists)
     camera, person = np.nonzero(chosen != NOBODY)
     own = chosen[camera, person]
     score = np.full(chosen.shape, -np.inf)
@@ -200,20 +200,18 @@ def match(
 
 
 def _assigned(
-    score: Float[np.ndarray, "person detection"], priority: Int[np.ndarray, " person"]
+    score: Float[np.ndarray, "person detection"], exists: Float[np.ndarray, " person"]
 ) -> Int[np.ndarray, " person"]:
-    """The detection of each person, so that the sum of the scores is largest; NOBODY where none is probable."""
+    """The detection of each person, so that all together are explained best; NOBODY where none is probable."""
     # Takes longer to import than the rest of fgpose.
     from scipy.optimize import linear_sum_assignment
 
-    chosen = np.full(len(score), NOBODY)
-    free = np.ones(score.shape[1], dtype=bool)
-    for level in sorted(set(priority.tolist()), reverse=True):
-        people = np.flatnonzero(priority == level)
-        gain = np.where(free, np.maximum(score[people], 0.0), 0.0)
-        for k, candidate in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
-            if gain[k, candidate] > 0:
-                chosen[people[k]], free[candidate] = candidate, False
+    chosen, there = np.full(len(score), NOBODY), np.maximum(score, 0.0)
+    # Whoever is there explains it better than nobody; who is not, as well.
+    gain = there + np.log(exists[:, None] + (1 - exists[:, None]) * np.exp(-there))
+    for person, candidate in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
+        if score[person, candidate] > 0:
+            chosen[person] = candidate
     return chosen
 
 
@@ -260,7 +258,7 @@ def hand_over(
 
 
 def follow(
-    people: PoseFilters, priority: Int[np.ndarray, " person"], moment: Moment, mirror: Int[np.ndarray, " joint"]
+    people: PoseFilters, exists: Float[np.ndarray, " person"], moment: Moment, mirror: Int[np.ndarray, " joint"]
 ) -> tuple[PoseFilters, Matches]:
     """Give the detections of a moment to the people whom they fit, and let these follow them.
 
@@ -269,7 +267,7 @@ def follow(
 
     Args:
         people: as they are known so far.
-        priority: people of a higher one choose first.
+        exists: probability that each person is there.
         moment: later than that, or of old images.
         mirror: the joint on the other side of each.
     """
@@ -278,7 +276,7 @@ def follow(
     likelihood, mirrored = moment.likelihood(expected).mirrored_where_better(
         expected, moment.points_px, moment.cameras, mirror
     )
-    matches = match(likelihood, mirrored, priority, mirror)
+    matches = match(likelihood, mirrored, exists, mirror)
     for _ in range(_TURNS if moment.cameras.n_cameras > 1 else 0):
         contested = np.flatnonzero(np.any(np.sum(likelihood.score > 0, axis=1) > 1, axis=-1))
         by_others, mirrored = likelihood, mirrored.copy()
@@ -293,7 +291,7 @@ def follow(
             )
             by_others = by_others.with_camera(camera, of_camera)
         before, likelihood = matches, by_others
-        matches = match(likelihood, mirrored, priority, mirror)
+        matches = match(likelihood, mirrored, exists, mirror)
         if np.array_equal(matches.chosen, before.chosen):
             break
     return matches.update(people, expected, moment, likelihood), matches

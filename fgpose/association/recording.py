@@ -215,8 +215,8 @@ def _looked_back(
         poses = {track: pose for track, pose in poses.items() if now_s - seen_s[track] <= _GAP_S}
         if poses:
             backwards = replace(moment, times_s=-moment.times_s)
-            tracks, equal = list(poses), np.zeros(len(poses), dtype=int)
-            people, matches = follow(PoseFilters.stacked(list(poses.values())), equal, backwards, skeleton.mirror)
+            tracks, there = list(poses), np.ones(len(poses))
+            people, matches = follow(PoseFilters.stacked(list(poses.values())), there, backwards, skeleton.mirror)
             poses = {track: people[k : k + 1] for k, track in enumerate(tracks)}
             for c, k in np.argwhere((matches.detection != NOBODY).any(axis=-1)).tolist():
                 seen_s[tracks[k]] = now_s

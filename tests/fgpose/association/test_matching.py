@@ -21,11 +21,11 @@ FITS, DOES_NOT = 8.0, -8.0
 """Log ratios of a joint that is the person's, and of one that is not."""
 
 
-def matched(log_ratio: np.ndarray, priority: list[int] | None = None, mirrored: np.ndarray | None = None) -> Matches:
+def matched(log_ratio: np.ndarray, exists: list[float] | None = None, mirrored: np.ndarray | None = None) -> Matches:
     """Of log ratios (C, K, P, J)."""
     likelihood = Likelihood(log_ratio.astype(float))
     mirrored = np.zeros(log_ratio.shape[:3], dtype=bool) if mirrored is None else mirrored
-    return match(likelihood, mirrored, np.array(priority or [0] * log_ratio.shape[1], dtype=int), MIRROR)
+    return match(likelihood, mirrored, np.array(exists or [1.0] * log_ratio.shape[1]), MIRROR)
 
 
 def grouped(n_people: int) -> np.ndarray:
@@ -68,16 +68,16 @@ def test_nobody_gets_what_is_improbable_for_them() -> None:
     assert matches.is_free.all()
 
 
-def test_who_has_priority_chooses_first() -> None:
-    """Both fit the one detection, the second better."""
-    log_ratio = np.stack([np.full((1, N_JOINTS), FITS - 3), np.full((1, N_JOINTS), FITS)])[None]
-    np.testing.assert_array_equal(matched(log_ratio).chosen, [[NOBODY, 0]])
-    np.testing.assert_array_equal(matched(log_ratio, [1, 0]).chosen, [[0, NOBODY]])
+@pytest.mark.parametrize(("less", "exists", "gets_it"), [(1, 1.0, 1), (1, 0.01, 0), (3, 0.01, 1)])
+def test_who_is_surely_there_gets_what_fits_another_hardly_better(less: float, exists: float, gets_it: int) -> None:
+    """Both fit the one detection, the second better by 4 or 12; a probability of 0.01 is worth -4.6."""
+    log_ratio = np.stack([np.full((1, N_JOINTS), FITS - less), np.full((1, N_JOINTS), FITS)])[None]
+    (chosen,) = matched(log_ratio, [1.0, exists]).chosen
+    assert chosen.tolist() == [0 if person == gets_it else NOBODY for person in range(2)]
 
 
-def test_priority_does_not_take_what_does_not_fit() -> None:
-    matches = matched(grouped(2)[:, ::-1], [5, 0])
-    np.testing.assert_array_equal(matches.chosen, [[1, 0]])
+def test_who_is_surely_there_does_not_take_what_does_not_fit() -> None:
+    np.testing.assert_array_equal(matched(grouped(2)[:, ::-1], [1.0, 1e-3]).chosen, [[1, 0]])
 
 
 def test_a_second_detection_of_somebody_is_not_free() -> None:
@@ -197,11 +197,11 @@ def test_who_pass_each_other_in_one_view_are_told_apart_by_the_others(
     rig, (true_m, people) = ring_rig(3), passing
     moment = moment_of(rig, [list(true_m)] * 3, np.random.default_rng(0))
     expected = people.seen_by(rig, moment.times_s)
-    none, equal = np.zeros((3, 2, 2), dtype=bool), np.zeros(2, dtype=int)
+    none, there = np.zeros((3, 2, 2), dtype=bool), np.ones(2)
     np.testing.assert_array_equal(
-        match(moment.likelihood(expected), none, equal, skeleton.mirror).chosen, [[1, 0], [0, 1], [0, 1]]
+        match(moment.likelihood(expected), none, there, skeleton.mirror).chosen, [[1, 0], [0, 1], [0, 1]]
     )
-    found, matches = follow(people, equal, moment, skeleton.mirror)
+    found, matches = follow(people, there, moment, skeleton.mirror)
     np.testing.assert_array_equal(matches.chosen, [[0, 1], [0, 1], [0, 1]])
     # 3 px are 12 mm at 4.5 m; the worst of 34 joints from three views.
     assert np.linalg.norm(found.positions_m - true_m, axis=-1).max() < 0.06
@@ -210,5 +210,5 @@ def test_who_pass_each_other_in_one_view_are_told_apart_by_the_others(
 def test_one_camera_alone_has_no_others(skeleton: Skeleton, passing: tuple[np.ndarray, PoseFilters]) -> None:
     true_m, people = passing
     moment = moment_of(ring_rig(3).subset(["ring_0"]), [list(true_m)], np.random.default_rng(0))
-    _, matches = follow(people, np.zeros(2, dtype=int), moment, skeleton.mirror)
+    _, matches = follow(people, np.ones(2), moment, skeleton.mirror)
     np.testing.assert_array_equal(matches.chosen, [[1, 0]])
