@@ -214,12 +214,12 @@ class Follower:
         """Follow those who are new, or found again. By camera those whom its newest image shows."""
         begun: dict[str, list[NewPerson]] = {name: [] for name in self.rig.names}
         recent = [free for free in self._free.values() if free.time_s > now_s - SAME_MOMENT_S]
-        shown = padded([np.isfinite(free.points_px[0]).all(axis=-1).any(axis=-1) for free in recent], False)
-        of_one_view = np.zeros(shown.shape, dtype=bool)
+        offered = padded([np.isfinite(free.points_px[0]).all(axis=-1).any(axis=-1) for free in recent], False)
+        of_one_view = np.zeros(offered.shape, dtype=bool)
         for c, free in enumerate(recent):
             of_one_view[c, list(self._of_one_view[free.cameras.names[0]])] = True
-        agreeing = shown.any(axis=1).sum() >= self._n_agreeing or any(free.tells_distance.any() for free in recent)
-        if not agreeing or not (shown & ~of_one_view).any():
+        agreeing = offered.any(axis=1).sum() >= self._n_agreeing or any(free.tells_distance.any() for free in recent)
+        if not agreeing or not (offered & ~of_one_view).any():
             return begun
         moment = Moment.together(recent, self.rig)
         known = PoseFilters.stacked([track.pose for track in self.tracks]) if self.tracks else None
@@ -228,11 +228,10 @@ class Follower:
         for somebody in people:
             numbers = zip(moment.cameras.names, somebody.chosen.tolist(), strict=True)
             chosen = {name: number for name, number in numbers if number != NOBODY}
-            shows = {name: self._of_one_view[name].get(number) for name, number in chosen.items()}
-            track = self._whose(somebody.pose.middle_m[0], [each for each in shows.values() if each], now_s)
-            nobodys = {name: number for name, number in chosen.items() if shows[name] is None}
-            is_shown = any(track is each for each in shows.values() if each)
-            if not is_shown and len(nobodys) < min(len(chosen), self._n_agreeing):
+            nobodys = {name: number for name, number in chosen.items() if number not in self._of_one_view[name]}
+            shown = [self._of_one_view[name][number] for name, number in chosen.items() if name not in nobodys]
+            track = self._whose(somebody.pose.middle_m[0], shown, now_s)
+            if track not in shown and len(nobodys) < min(len(chosen), self._n_agreeing):
                 continue
             track = self._begin(track, somebody, nobodys, moment)
             for name, number in nobodys.items():
@@ -243,9 +242,11 @@ class Follower:
     def _whose(self, middle_m: Float[np.ndarray, " 3"], shown: Collection[Track], now_s: float) -> Track | None:
         """Who a body is on which cameras agree: of those whom one of them alone shows, else of those who coast, the
         nearest who may have come there."""
-        coasting = [track for track in self.tracks if track.is_confirmed and track.seen_s < now_s - SAME_MOMENT_S]
+        coasting = [track for track in self.tracks if track.seen_s < now_s - SAME_MOMENT_S]
         for tracks, is_shown in ((shown, True), (coasting, False)):
-            may_be = [track for track in tracks if track.may_be(middle_m, now_s, is_shown=is_shown)]
+            # Who is shown may have ended since that image.
+            confirmed = [track for track in tracks if track.is_confirmed]
+            may_be = [track for track in confirmed if track.may_be(middle_m, now_s, is_shown=is_shown)]
             if may_be:
                 return min(may_be, key=lambda track: float(np.linalg.norm(track.middle_m - middle_m)))
         return None

@@ -110,16 +110,16 @@ class Track:
             n_agreeing: so many cameras tell where.
         """
         before_s = self.seen_s
-        for name, time_s, is_shown, told in zip(cameras, times_s.tolist(), shows.tolist(), gain.tolist(), strict=True):
+        for name, time_s, is_shown, tells in zip(cameras, times_s.tolist(), shows.tolist(), gain.tolist(), strict=True):
             since_s = max(time_s - self.scored_s.get(name, -np.inf), 0.0)
-            told *= min(since_s / (_CORRELATED_S if is_shown else _MISSED_S), 1.0)
-            self.score = min(self.score + told, _MAX_SCORE)
+            tells *= min(since_s / (_CORRELATED_S if is_shown else _MISSED_S), 1.0)
+            self.score = min(self.score + tells, _MAX_SCORE)
             self.scored_s[name] = max(time_s, self.scored_s.get(name, time_s))
             if is_shown:
                 self.seen_s = max(self.seen_s, time_s)
                 self.shown_s[name] = max(time_s, self.shown_s.get(name, time_s))
             else:
-                self.absent += told
+                self.absent += tells
         if not shows.any():
             return
         self.absent = 0.0
@@ -129,8 +129,8 @@ class Track:
             self.agreed_s, self.agreed_m = self.seen_s, self.middle_m
 
     def may_be(self, middle_m: Float[np.ndarray, " 3"], now_s: float, *, is_shown: bool) -> bool:
-        """Whether a body may be theirs on which cameras agree: one of those that show them, or others, of somebody of
-        whom nothing is seen."""
+        """Whether a body may be theirs on which cameras agree: one that shows them and others, or others where no
+        camera shows them."""
         if is_shown:
             off_m, most_m = middle_m - self.agreed_m, _FOUND_AGAIN_M + _RUNS_MPS * (now_s - self.agreed_s)
         else:

@@ -110,7 +110,7 @@ def test_people_at_the_same_pixels_are_told_apart(rig: CameraRig, skeleton: Skel
     no_mirror = np.zeros((1, 2, 2), dtype=bool)
     for order in ([near_m, far_m], [far_m, near_m]):
         moment = Moment.of(images_in_3d(rig.subset(rig.names[:1]), 0.0, [order], np.random.default_rng(0)), rig)
-        chosen = match(moment.likelihood(expected), no_mirror, np.zeros(2, dtype=int), skeleton.mirror).chosen
+        chosen = match(moment.likelihood(expected), no_mirror, np.ones(2), skeleton.mirror).chosen
         np.testing.assert_array_equal(chosen, [[0, 1] if order[0] is near_m else [1, 0]])
 
 

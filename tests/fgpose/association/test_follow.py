@@ -448,6 +448,19 @@ def test_who_was_seen_by_nobody_in_between_is_somebody_else(
     assert what_happened(follower) == []
 
 
+def test_who_has_ended_since_their_image_is_not_found_again(
+    follower: Follower, rig: CameraRig, skeleton: Skeleton, drifted: Track
+) -> None:
+    person_m = body_m(skeleton)
+    follower.see([image(rig, 0, 0.0, [person_m])])
+    assert drifted.shown_s["ring_0"] == 0.0
+    drifted.state = TrackState.ENDED
+    follower.tracks.clear()
+    follower.see([image(rig, c, 0.02, [person_m]) for c in range(1, 4)])
+    assert [track.number for track in follower.tracks] == [follower._n_tracks - 1]
+    assert drifted not in follower.tracks
+
+
 def test_the_end_confirms_nobody_against_whom_images_tell(
     follower: Follower, rig: CameraRig, skeleton: Skeleton
 ) -> None:
