@@ -142,8 +142,8 @@ def _pairs(
     candidates = np.argwhere(free)
     pairs = np.array(list(combinations(range(len(candidates)), 2)))
     of_one_camera = np.equal(*candidates[pairs, 0].T)
-    nobodys_in_none = of_one_view[tuple(candidates.T)][pairs].all(axis=1)
-    pairs = pairs[~of_one_camera & ~nobodys_in_none]
+    both_are_followed = of_one_view[tuple(candidates.T)][pairs].all(axis=1)
+    pairs = pairs[~of_one_camera & ~both_are_followed]
     rays = np.stack(
         [_rays(camera, points) for camera, points in zip(moment.cameras.cameras, moment.points_px, strict=True)]
     )

@@ -281,11 +281,9 @@ def follow(
         contested = np.flatnonzero(np.any(np.sum(likelihood.score > 0, axis=1) > 1, axis=-1))
         by_others, mirrored = likelihood, mirrored.copy()
         for camera in contested.tolist():
-            elsewhere, own = (
-                matches.update(people, expected, moment, likelihood, without=camera),
-                moment.of_camera(camera),
-            )
-            there = elsewhere.seen_by(own.cameras, own.times_s)
+            own = moment.of_camera(camera)
+            others = matches.update(people, expected, moment, likelihood, without=camera)
+            there = others.seen_by(own.cameras, own.times_s)
             of_camera, mirrored[camera : camera + 1] = own.likelihood(there).mirrored_where_better(
                 there, own.points_px, own.cameras, mirror
             )
