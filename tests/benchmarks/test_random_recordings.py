@@ -137,9 +137,9 @@ def test_impossible_numbers_are_named(option: str, tmp_path: Path) -> None:
 
 
 def test_crowds_are_the_same_at_each_call_and_have_the_errors_that_were_drawn() -> None:
-    conditions = replace(
-        draw_crowd(3), n_people=2, duration_s=2.0, grabbed_share=0.0, flipped_share=0.0, min_visible_joints=1
-    )
+    conditions = replace(draw_crowd(3), n_people=2, duration_s=2.0)
+    errors = replace(conditions.errors, grabbed_share=0.0, flipped_share=0.0, min_visible_joints=1)
+    conditions = replace(conditions, errors=errors)
     simple = replace(SIMPLE, radius_m=5.5, n_cameras=4, sigma_m=0.02)
     first, again = (record_crowd(replace(conditions, detector=simple)) for _ in range(2))
     exact = record_crowd(replace(conditions, detector=replace(simple, sigma_m=0.0)))

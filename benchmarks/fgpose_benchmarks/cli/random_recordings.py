@@ -57,9 +57,9 @@ class Random:
         ):
             if value < least:
                 raise ValueError(f"--{option} must be at least {least}, got {value}")
-        check_writable(self.output)
         kind = SEVERAL_PEOPLE if self.people else ONE_PERSON
         chosen = find_methods(tuple(dict.fromkeys(self.methods or kind.names)), kind.methods)
+        check_writable(self.output)
         seeds = range(self.first, self.first + self.recordings)
         with counting_bar("benchmark", "results", len(seeds) * len(chosen)) as advance:
             cache = self.output / "cache" if self.cache else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,9 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose_benchmarks.people.recording import PeopleRecording
 from fgpose_benchmarks.random_recordings.conditions import Conditions, draw, pick
-from fgpose_benchmarks.random_recordings.errors import detection_error_m, stated_confidence
+from fgpose_benchmarks.random_recordings.errors import detection_error_m, stated_confidence, with_outliers
 from fgpose_benchmarks.random_recordings.recording import VARIANT
-from fgpose_benchmarks.random_recordings.scene import believed_rig, true_rig
+from fgpose_benchmarks.random_recordings.scene import believed_rig, lateness_s, true_rig
 from fgpose_benchmarks.synthetic import (
     NO_NOISE,
     CameraTimes,
@@ -33,7 +33,6 @@ from fgpose_benchmarks.synthetic import (
 _TRUTH_FPS = 50.0
 _WALK, _WORKS = "cmu_02_01_short", ("cmu_02_05", "cmu_02_07_a", "cmu_02_10")
 _SLOWER = 0.8  # every other camera, where rates differ
-_OUTLIER_M = 0.3
 
 # Of rig and detections, in place of those for one person: nobody sees a whole room from 3 m.
 _RIG: dict[str, Sequence[Any]] = {
@@ -67,7 +66,7 @@ _CROWD: dict[str, Sequence[Any]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class CrowdConditions:
-    """How a recording of several people was made; the errors as those of CrowdErrors and Occlusion."""
+    """How a recording of several people was made."""
 
     detector: Conditions
     """Of the rig, and of the errors of joints that are seen."""
@@ -76,21 +75,9 @@ class CrowdConditions:
     duration_s: float
     clocks: str
     """one: images are taken at once; phases: each camera begins when it likes; rates: and every other is slower."""
-    room_m: float
-    speed_mps: tuple[float, float]
-    returning_share: float
-    away_s: float
-    missed_share: float
-    missed_s: float
-    doubled_share: float
-    flipped_share: float
-    grabbed_share: float
-    false_people: float
-    min_visible_joints: int
-    missing_share: float
-    """Of the joints that are hidden."""
-    hallucination_px: float
-    own_body: bool
+    plan: CrowdPlan
+    errors: CrowdErrors
+    occlusion: Occlusion
 
 
 def draw_crowd(seed: int) -> CrowdConditions:
@@ -101,7 +88,21 @@ def draw_crowd(seed: int) -> CrowdConditions:
     """
     detector, rng = draw(seed), _rng(seed, 0)
     rig, crowd = ({name: pick(rng, options) for name, options in each.items()} for each in (_RIG, _CROWD))
-    return CrowdConditions(detector=replace(detector, **rig), **crowd)
+
+    def of(kind: type[CrowdPlan | CrowdErrors | Occlusion]) -> dict[str, Any]:
+        return {field.name: crowd[field.name] for field in fields(kind) if field.name in crowd}
+
+    room_m, (slowest_mps, fastest_mps) = crowd["room_m"], crowd["speed_mps"]
+    room = {"room_x_m": room_m, "room_y_m": room_m, "min_speed_mps": slowest_mps, "max_speed_mps": fastest_mps}
+    return CrowdConditions(
+        detector=replace(detector, **rig),
+        n_people=crowd["n_people"],
+        duration_s=crowd["duration_s"],
+        clocks=crowd["clocks"],
+        plan=CrowdPlan(**room, **of(CrowdPlan)),
+        errors=CrowdErrors(**of(CrowdErrors)),
+        occlusion=Occlusion(confidence=detector.hidden_confidence, **of(Occlusion)),
+    )
 
 
 def crowds(seeds: Iterable[int]) -> Iterator[PeopleRecording]:
@@ -115,22 +116,13 @@ def record_crowd(conditions: CrowdConditions) -> PeopleRecording:
     rng, seed = _rng(detector.seed, 1), detector.seed
     rig = true_rig(detector, rng)
     believed = believed_rig(rig, detector, rng)
-    late_s = detector.late_s * rng.standard_normal(rig.n_cameras)
-    late_s -= late_s.mean()
+    late_s = lateness_s(detector, rig.n_cameras, rng)
     rig = CameraRig(
         tuple(replace(camera, time_offset_s=float(late)) for camera, late in zip(rig.cameras, late_s, strict=True))
     )
     rates = (detector.fps, _SLOWER * detector.fps) if conditions.clocks == "rates" else (detector.fps,)
-    errors = CrowdErrors(
-        **{name: getattr(conditions, name) for name in vars(CrowdErrors()) if hasattr(conditions, name)}
-    )
-    occlusion = Occlusion(
-        hallucination_px=conditions.hallucination_px,
-        missing_share=conditions.missing_share,
-        confidence=detector.hidden_confidence,
-    )
     times = CameraTimes(rates, conditions.clocks != "one")
-    scene = simulate_crowd(_motion(conditions), rig, NO_NOISE, occlusion, errors, seed, times)
+    scene = simulate_crowd(_motion(conditions), rig, NO_NOISE, conditions.occlusion, conditions.errors, seed, times)
     observations = _detected(scene, detector, rng)
     return PeopleRecording(f"{seed:04d}", VARIANT, replace(scene, observations=observations, rig=believed))
 
@@ -140,23 +132,16 @@ def _rng(seed: int, stream: int) -> np.random.Generator:
 
 
 def _motion(conditions: CrowdConditions) -> CrowdMotion:
-    slowest, fastest = conditions.speed_mps
-    plan = CrowdPlan(
-        room_x_m=conditions.room_m,
-        room_y_m=conditions.room_m,
-        returning_share=conditions.returning_share,
-        away_s=conditions.away_s,
-        min_speed_mps=slowest,
-        max_speed_mps=fastest,
-    )
-    works, n_frames = [embedded_motion(name) for name in _WORKS], int(conditions.duration_s * _TRUTH_FPS) + 1
-    for n_people in range(conditions.n_people, 1, -1):
+    walks, works = [embedded_motion(_WALK)], [embedded_motion(name) for name in _WORKS]
+    n_frames, seed = int(conditions.duration_s * _TRUTH_FPS) + 1, conditions.detector.seed
+    n_people = conditions.n_people
+    while True:
         try:
-            seed = conditions.detector.seed
-            return crowd_motion(n_people, n_frames, _TRUTH_FPS, [embedded_motion(_WALK)], works, seed, plan)
-        except ValueError:  # they find no way around each other
-            continue
-    return crowd_motion(1, n_frames, _TRUTH_FPS, [embedded_motion(_WALK)], works, conditions.detector.seed, plan)
+            return crowd_motion(n_people, n_frames, _TRUTH_FPS, walks, works, seed, conditions.plan)
+        except ValueError:
+            if n_people == 1:
+                raise
+            n_people -= 1  # they find no way around each other
 
 
 def _detected(scene: CrowdScene, detector: Conditions, rng: np.random.Generator) -> PeopleObservations:
@@ -198,10 +183,7 @@ def _erred(
 ) -> Detections:
     if not image.n_people:
         return image
-    outlier = rng.random(hidden.shape) < detector.outlier_share
-    far_m = _OUTLIER_M * rng.standard_normal(off_m.shape)
-    points_px = image.points2d_px + (off_m + np.where(outlier[..., None], far_m, 0.0)) * px_per_m[:, None, None]
-    if detector.stride_px:
-        points_px = np.round(points_px / detector.stride_px) * detector.stride_px
+    points_px = image.points2d_px + off_m * px_per_m[:, None, None]
+    points_px, _ = with_outliers(points_px, px_per_m[:, None], detector, rng)
     stated = np.where(image.confidence > 0, stated_confidence(off_m, hidden, detector, rng), 0.0)
     return replace(image, points2d_px=points_px, confidence=stated)

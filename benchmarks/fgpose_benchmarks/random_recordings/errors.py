@@ -55,17 +55,28 @@ def detections(views: TrueViews, skeleton: Skeleton, conditions: Conditions, rng
     points_px = np.where(hidden[..., None], _invented_px(points_px, views, hidden, conditions, rng), points_px)
     swapped, other = _swapped(views.depth_m.shape, skeleton, conditions, rng)
     points_px = np.where(swapped[..., None], points_px[:, :, other], points_px)
-    outlier = rng.random(hidden.shape) < conditions.outlier_share
-    far_px = _OUTLIER_M * rng.standard_normal(points_px.shape) * views.px_per_m[..., None]
-    points_px = points_px + np.where(outlier[..., None], far_px, 0.0)
-    if conditions.stride_px:
-        points_px = np.round(points_px / conditions.stride_px) * conditions.stride_px
+    points_px, outlier = with_outliers(points_px, views.px_per_m, conditions, rng)
     points_px = _within_image(points_px, views, conditions)
     dropped = rng.random(hidden.shape[:2]) < conditions.dropped_share
     missing = dropped[..., None] | ~(views.depth_m > _NEAREST_M)
     points_px = np.where(missing[..., None], np.nan, points_px)
     confidence = np.where(np.isfinite(points_px).all(axis=-1), stated_confidence(off_m, hidden, conditions, rng), 0.0)
     return Detections(points_px, confidence, hidden, hidden | swapped | outlier)
+
+
+def with_outliers(
+    points_px: Float[np.ndarray, "*joints 2"],
+    px_per_m: Float[np.ndarray, "*#joints"],
+    conditions: Conditions,
+    rng: np.random.Generator,
+) -> tuple[Float[np.ndarray, "*joints 2"], Bool[np.ndarray, "*joints"]]:
+    """Detections of which some are off, on the grid of the detector, and which are off."""
+    outlier = rng.random(points_px.shape[:-1]) < conditions.outlier_share
+    far_px = _OUTLIER_M * rng.standard_normal(points_px.shape) * px_per_m[..., None]
+    points_px = points_px + np.where(outlier[..., None], far_px, 0.0)
+    if conditions.stride_px:
+        points_px = np.round(points_px / conditions.stride_px) * conditions.stride_px
+    return points_px, outlier
 
 
 def detection_error_m(

@@ -14,7 +14,7 @@ from fgpose.observations import Observations
 from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.random_recordings.conditions import Conditions, draw
 from fgpose_benchmarks.random_recordings.errors import Detections, TrueViews, detections
-from fgpose_benchmarks.random_recordings.scene import believed_rig, motion_m, moved_m, true_rig
+from fgpose_benchmarks.random_recordings.scene import believed_rig, lateness_s, motion_m, moved_m, true_rig
 from fgpose_benchmarks.synthetic.noise import correlated_normal
 
 VERSION = 1
@@ -50,8 +50,7 @@ def record(conditions: Conditions) -> BenchmarkRecording:
     truth_m = motion_m(conditions)
     rig = true_rig(conditions, _rng(conditions, "rig"))
     believed = believed_rig(rig, conditions, _rng(conditions, "calibration"))
-    late_s = conditions.late_s * _rng(conditions, "late").standard_normal(rig.n_cameras)
-    late_s -= late_s.mean()
+    late_s = lateness_s(conditions, rig.n_cameras, _rng(conditions, "late"))
     time_s = np.arange(len(truth_m)) / conditions.fps
 
     def seen(late_s: Float[np.ndarray, " camera"]) -> tuple[Detections, TrueViews, Observations]:

@@ -95,6 +95,12 @@ def believed_rig(rig: CameraRig, conditions: Conditions, rng: np.random.Generato
     return CameraRig(tuple(laid))
 
 
+def lateness_s(conditions: Conditions, n_cameras: int, rng: np.random.Generator) -> Float[np.ndarray, " camera"]:
+    """How much later than it says each camera takes its images; on average they are on time."""
+    late_s = conditions.late_s * rng.standard_normal(n_cameras)
+    return late_s - late_s.mean()
+
+
 def _miscalibrated(camera: Camera, conditions: Conditions, rng: np.random.Generator) -> Camera:
     from scipy.spatial.transform import Rotation
 
