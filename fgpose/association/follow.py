@@ -189,13 +189,11 @@ class Follower:
 
     def _offer(self, moment: Moment, matches: Matches) -> None:
         """The detections on which cameras may agree."""
+        drifting = np.array([track.drifts(moment.time_s) for track in self.tracks], dtype=bool)
         offered = matches.is_free
         for c, name in enumerate(moment.cameras.names):
-            self._of_one_view[name] = {
-                int(matches.chosen[c, k]): track
-                for k, track in enumerate(self.tracks)
-                if matches.chosen[c, k] != NOBODY and track.drifts(moment.time_s)
-            }
+            shown = np.flatnonzero((matches.chosen[c] != NOBODY) & drifting).tolist()
+            self._of_one_view[name] = {int(matches.chosen[c, k]): self.tracks[k] for k in shown}
             offered[c, list(self._of_one_view[name])] = True
         free = moment.without(~offered)
         self._free |= {name: free.of_camera(c) for c, name in enumerate(moment.cameras.names)}

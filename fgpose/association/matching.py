@@ -88,6 +88,12 @@ class Moment:
             return likelihood
         return replace(likelihood, distance_log_ratio=self.distances.log_ratio(expected))
 
+    def likelihood_either_way(
+        self, expected: Expected, mirror: Int[np.ndarray, " joint"]
+    ) -> tuple[Likelihood, Bool[np.ndarray, "camera person detection"]]:
+        """The same with left and right exchanged where that is far more probable, and where."""
+        return self.likelihood(expected).mirrored_where_better(expected, self.points_px, self.cameras, mirror)
+
     def without(self, taken: Bool[np.ndarray, "camera detection"]) -> Moment:
         """The same without some of the detections; the others keep their numbers."""
         return replace(self, points_px=np.where(taken[..., None, None], np.nan, self.points_px))
@@ -273,9 +279,7 @@ def follow(
     """
     people = people.predicted(moment.time_s)
     expected = people.seen_by(moment.cameras, moment.times_s)
-    likelihood, mirrored = moment.likelihood(expected).mirrored_where_better(
-        expected, moment.points_px, moment.cameras, mirror
-    )
+    likelihood, mirrored = moment.likelihood_either_way(expected, mirror)
     matches = match(likelihood, mirrored, exists, mirror)
     for _ in range(_TURNS if moment.cameras.n_cameras > 1 else 0):
         contested = np.flatnonzero(np.any(np.sum(likelihood.score > 0, axis=1) > 1, axis=-1))
@@ -284,9 +288,7 @@ def follow(
             own = moment.of_camera(camera)
             others = matches.update(people, expected, moment, likelihood, without=camera)
             there = others.seen_by(own.cameras, own.times_s)
-            of_camera, mirrored[camera : camera + 1] = own.likelihood(there).mirrored_where_better(
-                there, own.points_px, own.cameras, mirror
-            )
+            of_camera, mirrored[camera : camera + 1] = own.likelihood_either_way(there, mirror)
             by_others = by_others.with_camera(camera, of_camera)
         before, likelihood = matches, by_others
         matches = match(likelihood, mirrored, exists, mirror)

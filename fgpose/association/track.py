@@ -26,7 +26,7 @@ _MISSED_S = 0.3
 _MAX_SCORE = 30.0
 # How far somebody is found again from where they are predicted, and from where two cameras agreed on them: the body may
 # have turned round.
-_FOUND_AGAIN_M, _WALKS_MPS, _RUNS_MPS = 0.3, 1.0, 3.0
+_FOUND_AGAIN_M, _WALKS_MPS, _HURRIES_MPS = 0.3, 1.0, 3.0
 # How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
 _RECOGNISED_WITHIN_S = 3.0
 
@@ -132,7 +132,7 @@ class Track:
         """Whether a body may be theirs on which cameras agree: one that shows them and others, or others where no
         camera shows them."""
         if is_shown:
-            off_m, most_m = middle_m - self.agreed_m, _FOUND_AGAIN_M + _RUNS_MPS * (now_s - self.agreed_s)
+            off_m, most_m = middle_m - self.agreed_m, _FOUND_AGAIN_M + _HURRIES_MPS * (now_s - self.agreed_s)
         else:
             off_m, most_m = middle_m - self.middle_m, _FOUND_AGAIN_M + _WALKS_MPS * (now_s - self.seen_s)
         return bool(np.linalg.norm(off_m) < most_m)
