@@ -40,9 +40,9 @@ from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
 from fgpose.sampling import spread_evenly, usual_step_s
 
-# Deviations are averaged over the axes of a joint and over so much time as well. Then so few samples give standard
-# deviations to some 5 %.
-_SAMPLES, _AVERAGED_S = 8, 1.0
+# So many samples are drawn at once, until they are so many independent pieces of the time over which they are averaged.
+# The inverse of a covariance from n of these is n / (n - 4) times as large as it should be on average.
+_SAMPLES, _AVERAGED_S, _PIECES = 8, 1.0, 64
 _NEXT_TO_NOTHING_M2 = 1e-12
 _LEAST_TELLING = 1e-3  # of the variance of the graph
 _CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
@@ -103,11 +103,15 @@ class Deviations:
             if not variance.any():
                 continue
             sigma = np.sqrt(variance[:, None] * components.axes)
-            errors = _samples(linearized.weight.shape, float(correlation_after(time_s, np.array([step_s]))[0]), rng)
-            own_m = np.stack([linearized.deviation_m(sigma * (mixing @ sample)) for sample in errors])
-            samples_m += own_m
-            own_m2 = _averaged(np.einsum("stja,stjb->tjab", own_m, own_m) / _SAMPLES, step_s)
-            covariance_m2 += own_m2 * (bias_share if np.isinf(time_s) else 1.0)
+            correlation = float(correlation_after(time_s, np.array([step_s]))[0])
+            own_m2, rounds = np.zeros_like(covariance_m2), _rounds(time_s, n_frames, step_s)
+            for number in range(rounds):
+                errors = _samples(linearized.weight.shape, correlation, rng)
+                own_m = np.stack([linearized.deviation_m(sigma * (mixing @ sample)) for sample in errors])
+                own_m2 += np.einsum("stja,stjb->tjab", own_m, own_m) / (rounds * _SAMPLES)
+                if number == 0:
+                    samples_m += own_m
+            covariance_m2 += _averaged(own_m2, step_s) * (bias_share if np.isinf(time_s) else 1.0)
         return Deviations(samples_m, covariance_m2)
 
 
@@ -222,6 +226,12 @@ def _samples(
     for earlier, later in itertools.pairwise(errors):
         later += correlation * earlier
     return np.broadcast_to(errors.transpose(2, 0, 3, 1, 4), (_SAMPLES, *shape, 2))
+
+
+def _rounds(time_s: float, n_frames: int, step_s: float) -> int:
+    """How many times samples of errors that last for so long are drawn."""
+    pieces_of_sample = max(min(_AVERAGED_S, n_frames * step_s) / max(time_s, step_s), 1.0)
+    return max(round(_PIECES / _SAMPLES / pieces_of_sample), 1)
 
 
 def _averaged(values: Float[np.ndarray, "frame slot *more"], step_s: float) -> Float[np.ndarray, "frame slot *more"]:

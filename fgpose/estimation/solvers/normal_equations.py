@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -240,6 +241,12 @@ class Linearized:
     weight: Float[np.ndarray, "frame camera slot"]
     """Of the robust kernel."""
 
+    @cached_property
+    def _pull(self) -> Float[np.ndarray, "frame slot 3 view"]:
+        """Of the errors on the joints; a view is one axis of the image of one camera."""
+        weighted = (self.weight[..., None, None] * self.jacobian).transpose(0, 2, 4, 1, 3)
+        return weighted.reshape(*weighted.shape[:3], -1)
+
     def covariance_m2(self) -> Float[np.ndarray, "frame joint 3 3"]:
         """Marginal covariance of every active joint's position, all errors taken for independent; NaN elsewhere."""
         n_frames, _, n_slots, _ = self._factorized.shape
@@ -252,8 +259,7 @@ class Linearized:
     def deviation_m(self, errors: Float[np.ndarray, "frame camera slot 2"]) -> Float[np.ndarray, "frame slot 3"]:
         """Of the joints' positions, if these are the errors of the detections."""
         gradient = np.zeros(self._factorized.shape)
-        weighted = self.weight[..., None] * errors
-        gradient[:, 0] = np.einsum("tcjia,tcji->tja", self.jacobian, weighted)
+        gradient[:, 0] = (self._pull @ errors.swapaxes(1, 2).reshape(*self._pull.shape[:2], -1, 1))[..., 0]
         no_lengths = np.zeros(self._segment.skeleton.n_lengths)
         solved = self._factorized.solve(np.append(gradient, no_lengths))
         return _split(solved, self._factorized.shape)[0][:, 0]

@@ -9,14 +9,22 @@ import pytest
 
 import fgpose
 from fgpose.estimation.covariances import error_components
-from fgpose.estimation.covariances.error_components import covariance_of_errors_m2
-from fgpose.estimation.covariances.variance_components import correlation_after
+from fgpose.estimation.covariances.error_components import Deviations, covariance_of_errors_m2
+from fgpose.estimation.covariances.variance_components import TIMES_S, ErrorComponents, correlation_after
 from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.skeleton import BoneLengths
-from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
+from fgpose_benchmarks.synthetic import (
+    NO_NOISE,
+    NO_OCCLUSION,
+    DetectionNoise,
+    Scene,
+    motion_from_npz,
+    ring_rig,
+    simulate,
+)
 from tests.conftest import MOCAP
 
 MEDIAN, NINETIETH = 2.366, 6.251  # of the chi-squared distribution with three degrees of freedom
@@ -135,3 +143,25 @@ def test_frames_nanoseconds_apart_take_no_more_memory_than_others(
     trajectory = fgpose.smooth(observations, rig)
     assert trajectory.covariance_m2 is not None
     assert np.isfinite(trajectory.covariance_m2).all()
+
+
+def test_enough_samples_are_drawn_of_what_lasts(skeleton: fgpose.Skeleton) -> None:
+    """Nothing averages constant errors over time. Of six cameras, squared errors are 1.45 times as large as they should
+    be in ellipsoids from eight samples, though these are as large as they should be on average."""
+    rig = ring_rig(6, 3.0, 2.5, (0.0, 0.0, 0.9))
+    noisy = scene(rig, skeleton, NOISES["as usual"], n_frames=20)
+    segment = segment_of(replace(noisy.observations, points3d_m=None), rig)
+    linearized = NormalEquations(segment).linearized(noisy.truth_m)
+    n_slots = linearized.weight.shape[-1]
+    variances = np.tile([float(np.isinf(time_s)) for time_s in TIMES_S], (n_slots, 1))
+    constant = ErrorComponents(variances, np.eye(n_slots), np.ones((n_slots, 2)))
+    drawn_m2 = Deviations.of(linearized, constant, 1.0, 1 / 30, np.random.default_rng(0)).covariance_m2
+    exact_m2 = np.zeros_like(drawn_m2)
+    for camera, slot, axis in np.ndindex(rig.n_cameras, n_slots, 2):
+        error = np.zeros((*linearized.weight.shape, 2))
+        error[:, camera, slot, axis] = 1.0
+        moved_m = linearized.deviation_m(error)
+        exact_m2 += np.einsum("tja,tjb->tjab", moved_m, moved_m)
+    squared = np.trace(np.linalg.inv(drawn_m2) @ exact_m2, axis1=-2, axis2=-1) / 3
+    # 64 samples give 1.07 if they are not orthogonal.
+    assert 0.98 < squared.mean() < 1.08
