@@ -17,7 +17,6 @@ from fgpose.estimation.solvers.optimum import optimum
 from fgpose.estimation.visibility.sole_views import with_distances
 from fgpose.estimation.visibility.visibility import judged
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.skeleton import Skeleton
 
 # What follows from a solution has settled when a step is shorter than so many tolerances.
@@ -26,8 +25,6 @@ _ROUGHLY = 50.0
 # good detections next to hallucinated ones lose their weight too. On the tuning clips of the benchmark 2, 4, 6 and 15
 # steps differ by less than 0.4 mm, and 15 need a third more factorisations.
 _FIRST_STEPS = 6
-# Of the detections that fit the first guess, which overfits a little: 2 to 5 % less is usual.
-_KEEPS = 0.9
 # The weights that follow from two solutions may lead from one to the other for ever.
 _MOST_ROUNDS = 12
 
@@ -35,7 +32,7 @@ _MOST_ROUNDS = 12
 def settled(segment: Segment) -> tuple[Segment, Solution]:
     """Alternate between a step to the optimum and the delays, hallucinated detections and process noise that follow
     from it (as expectation-maximisation does), until both have settled; then go to the optimum."""
-    solution, visibility = _started(segment), None
+    solution, visibility = _steps(segment, _FIRST_STEPS), None
     for _ in range(_MOST_ROUNDS):
         solution = _steps(_informed(segment, solution, visibility), 1)
         visibility = solution.visibility
@@ -43,27 +40,6 @@ def settled(segment: Segment) -> tuple[Segment, Solution]:
             break
     informed = _informed(segment, solution, visibility)
     return informed, _optimum(informed)
-
-
-def _started(segment: Segment) -> Solution:
-    """Near the optimum of all detections; if that loses many that fit the first guess, which is a robust triangulation,
-    of those that fit the guess. Where much is hallucinated, the optimum of all may be metres off, and the joints would
-    not find back."""
-    solution, guess_m = _steps(segment, _FIRST_STEPS), np.where(segment.active[..., None], segment.start_m, np.nan)
-    if segment.config.visibility.model == "none":
-        return solution
-    of_guess, of_solution = (_n_inliers(positions_m, segment) for positions_m in (guess_m, solution.positions_m))
-    if of_solution >= _KEEPS * of_guess:
-        return solution
-    guess = replace(solution, positions_m=guess_m, lengths_m=segment.lengths_m, sigma_px=segment.evidence.sigma_px)
-    fitting = replace(segment, evidence=_informed(segment, guess, None).evidence)
-    return _steps(fitting, _FIRST_STEPS)
-
-
-def _n_inliers(positions_m: Float[np.ndarray, "frame joint 3"], segment: Segment) -> int:
-    evidence, rig = segment.evidence, segment.rig
-    error_px = reprojection_residual_px(evidence.undistorted_px, rig, positions_m)
-    return int(np.sum(evidence.detected & (error_px < rig.in_own_px(segment.config.fusion.inlier_px))))
 
 
 def _steps(segment: Segment, count: int) -> Solution:

@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.config import Config, DepthConfig
+from fgpose.config import Config, DepthConfig, FusionConfig
 from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock, delays_s
 from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, is_same_in_all_frames
 from fgpose.estimation.evidence.fusion import fuse_undistorted
-from fgpose.estimation.evidence.plausibility import Bodies, far_outside_images
+from fgpose.estimation.evidence.plausibility import Bodies, beyond_reach, far_outside_images, middles_m, off_body
 from fgpose.estimation.evidence.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.geometry.per_view.view_depth import RELATIVE_SIGMA, ViewDepth
 from fgpose.geometry.triangulation import triangulate_robust
-from fgpose.observations import Observations
+from fgpose.observations import Observations, blanked
 from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 from fgpose_factors.robust_statistics import robust_sigma
@@ -151,14 +151,14 @@ def without_depths(
     """The evidence but for the depths of the views, and the triangulated joints; frame by frame."""
     far_outside = far_outside_images(observations.points2d_px, rig)
     undistorted_px, confidence = rig.undistort(observations.points2d_px), observations.confidence.astype(float)
-    triangulated_m = triangulate_robust(
-        np.where(far_outside[..., None], np.nan, undistorted_px),
-        confidence,
-        rig,
-        rig.in_own_px(config.fusion.inlier_px),
-    ).positions_m
-    triangulated_m[(np.abs(triangulated_m) > FARTHEST_M).any(axis=-1)] = np.nan
-    fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config)
+    triangulated_m, middle_m, beyond = _triangulated(
+        blanked(undistorted_px, far_outside), confidence, observations.skeleton, rig, config.fusion
+    )
+    observations, confidence = observations.without(beyond), np.where(beyond, 0.0, confidence)
+    of_body, views_m = observations, observations.points3d_m
+    if views_m is not None:
+        of_body = observations.without(off_body(views_m, middle_m))
+    fusion = fuse_undistorted(of_body, triangulated_m, blanked(undistorted_px, beyond), rig, config)
     guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
     no_view = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
     nowhere = no_view[..., None].repeat(3, axis=-1)
@@ -180,6 +180,32 @@ def without_depths(
         **_not_known_yet(confidence.shape),
     )
     return evidence, triangulated_m
+
+
+def _triangulated(
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    confidence: Float[np.ndarray, "frame camera joint"],
+    skeleton: Skeleton,
+    rig: CameraRig,
+    config: FusionConfig,
+) -> tuple[Float[np.ndarray, "frame joint 3"], Float[np.ndarray, "frame 3"], Bool[np.ndarray, "frame camera joint"]]:
+    """The joints, NaN where no two cameras agree on the body; the middle of the body; and the detections that are too
+    far from it."""
+
+    def found_m(px: np.ndarray, confidence: np.ndarray) -> Float[np.ndarray, "frame joint 3"]:
+        positions_m = triangulate_robust(px, confidence, rig, rig.in_own_px(config.inlier_px)).positions_m
+        positions_m[(np.abs(positions_m) > FARTHEST_M).any(axis=-1)] = np.nan
+        return positions_m
+
+    triangulated_m = found_m(undistorted_px, confidence)
+    middle_m = middles_m(triangulated_m[:, list(skeleton.body)])
+    beyond = beyond_reach(undistorted_px, middle_m, rig)
+    frames, joints = np.nonzero(beyond.any(axis=1))
+    if len(frames):
+        of_body_px = blanked(undistorted_px, beyond)[frames, :, joints, None]
+        triangulated_m[frames, joints] = found_m(of_body_px, confidence[frames, :, joints, None])[:, 0]
+    triangulated_m[off_body(triangulated_m, middle_m)] = np.nan
+    return triangulated_m, middle_m, beyond
 
 
 def _not_known_yet(shape: tuple[int, int, int]) -> dict[str, np.ndarray]:

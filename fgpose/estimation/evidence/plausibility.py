@@ -1,4 +1,5 @@
-"""Whether what is detected in a frame makes a body: a detector that fails gives pixels of anything."""
+"""Whether what is detected in a frame makes a body, and what of it is too far away to be of that body: a detector that
+fails gives pixels of anything."""
 
 from __future__ import annotations
 
@@ -15,6 +16,7 @@ from fgpose.skeleton import Skeleton
 # triangulations do not change the median of some joints.
 _LARGEST_BODY_M, _MILLIMETRES_M = 1.5, 30.0
 _LONGEST_BONE_M = 0.75  # no bone of a person is longer
+_REACH_M = 2.0  # no joint of somebody 2.3 m tall is farther from the median of all
 # Where two cameras agree on fewer of the joints that two detect, they do not see the same body.
 _LEAST_AGREEMENT = 0.25
 # Where more frames make no body, it is not a detector that fails now and then.
@@ -79,18 +81,67 @@ class Bodies:
 
 
 def _sizes_m(positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, " frame"]:
-    """Median distance of the joints of each frame from their middle; where that is a body, only roughly."""
-    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
-    n_known = known.sum(axis=1)
-    some_m, of_all = np.where(known[..., None], positions_m, 0.0), np.maximum(n_known, 1)[:, None]
-    apart_m = np.linalg.norm(some_m - (some_m.sum(axis=1) / of_all)[:, None], axis=-1)
-    size_m = np.where(n_known > 1, np.where(known, apart_m, 0.0).sum(axis=1) / of_all[:, 0], np.nan)
-    large = size_m > _LARGEST_BODY_M / 2
-    if large.any():  # medians of all would take ten times as long
-        own_m = positions_m[large]
-        apart_m = np.linalg.norm(own_m - np.nanmedian(own_m, axis=1, keepdims=True), axis=-1)
-        size_m[large] = np.nanmedian(apart_m, axis=1)
-    return size_m
+    """Median distance of the joints of each frame from their middle."""
+    return _of_middle(positions_m)[1]
+
+
+def middles_m(positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame 3"]:
+    """Of the bodies: the median of the joints. NaN where fewer than MIN_JOINTS are known, or half of a body's size is
+    unlike anybody's.
+
+    Args:
+        positions_m: triangulated joints, some of them wrong; NaN where one is not known. Of whole bodies those of
+            neither face nor hands, or these are the middle.
+    """
+    middle_m, size_m = _of_middle(positions_m)
+    n_known = np.isfinite(positions_m).all(axis=-1).sum(axis=1)
+    is_body = (n_known >= MIN_JOINTS) & (size_m < _LARGEST_BODY_M / 2)
+    return np.where(is_body[:, None], middle_m, np.nan)
+
+
+def _of_middle(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+) -> tuple[Float[np.ndarray, "frame 3"], Float[np.ndarray, " frame"]]:
+    """The middle of the joints of each frame, and their median distance from it; NaN where fewer than two are known."""
+    middle_m = _known_medians(positions_m)
+    return middle_m, _known_medians(np.linalg.norm(positions_m - middle_m[:, None], axis=-1, keepdims=True))[:, 0]
+
+
+def _known_medians(values: Float[np.ndarray, "frame joint value"]) -> Float[np.ndarray, "frame value"]:
+    """Over the joints; NaN where fewer than two are known. numpy.nanmedian takes ten times as long."""
+    known = np.asarray(np.isfinite(values).all(axis=-1))
+    ordered, n_known = np.sort(np.where(known[..., None], values, np.inf), axis=1), known.sum(axis=1)
+    of_frame = np.arange(len(values))
+    median = (ordered[of_frame, np.maximum(n_known - 1, 0) // 2] + ordered[of_frame, n_known // 2]) / 2
+    return np.where(n_known[:, None] > 1, median, np.nan)
+
+
+def beyond_reach(
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"], middle_m: Float[np.ndarray, "frame 3"], rig: CameraRig
+) -> Bool[np.ndarray, "frame camera joint"]:
+    """The detections whose rays pass a body farther away than its joints are: they are of something else.
+
+    Args:
+        undistorted_px: NaN where there is none.
+        middle_m: of the bodies; NaN where there is none.
+        rig: the cameras.
+    """
+    centre_px, focal_px = rig.K[:, None, :2, 2], np.diagonal(rig.K, axis1=1, axis2=2)[:, None, :2]
+    normalized = (undistorted_px - centre_px) / focal_px
+    of_cameras = rig.camera_T_world[:, :3]
+    to_middle_m = np.einsum("cab,tb->tca", of_cameras[..., :3], middle_m) + of_cameras[..., 3]
+    to_middle_m = to_middle_m[:, :, None]
+    along = np.sum(to_middle_m[..., :2] * normalized, axis=-1) + to_middle_m[..., 2]
+    squared_m2 = np.sum(to_middle_m**2, axis=-1) - np.maximum(along, 0.0) ** 2 / (1 + np.sum(normalized**2, axis=-1))
+    return np.asarray(squared_m2 > _REACH_M**2)
+
+
+def off_body(
+    points_m: Float[np.ndarray, "*shape 3"], middle_m: Float[np.ndarray, "frame 3"]
+) -> Bool[np.ndarray, "*shape"]:
+    """What is farther from the middle of a body than any of its joints."""
+    middle_m = middle_m.reshape(len(middle_m), *(points_m.ndim - 2) * (1,), 3)
+    return np.asarray(np.linalg.norm(points_m - middle_m, axis=-1) > _REACH_M)
 
 
 def far_outside_images(

@@ -1,4 +1,4 @@
-"""Where much is hallucinated, the smoother begins with what fits the first guess."""
+"""Where much is hallucinated, the smoother finds the person."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import numpy as np
 
 import fgpose
 from fgpose.assessment.metrics import nees
-from fgpose.estimation import settling
-from fgpose.estimation.evidence.gather import gather
-from fgpose.estimation.segment import Segment
 from fgpose_benchmarks.random_recordings.conditions import draw
 from fgpose_benchmarks.random_recordings.recording import record
 
@@ -17,7 +14,7 @@ FACING = 9
 
 
 def test_two_cameras_that_face_each_other_keep_the_person_between_them() -> None:
-    """Of all detections, the optimum was 5 m off, at one of the cameras, with bones of 5 cm."""
+    """Hallucinations that pass the body at metres drew it 5 m away, into one of the cameras, with bones of 5 cm."""
     recording = record(draw(FACING))
     trajectory = fgpose.smooth(recording.observations, recording.rig)
     assert recording.oracle_observations is not None
@@ -28,16 +25,3 @@ def test_two_cameras_that_face_each_other_keep_the_person_between_them() -> None
     assert trajectory.covariance_m2 is not None
     squared = nees((trajectory.positions_m - recording.truth_m)[seen], trajectory.covariance_m2[seen])
     assert np.mean(squared < 6.25) > 0.7  # 90 % if they were right; the hidden side is worse than it says
-
-
-def test_only_where_the_optimum_of_all_loses_detections_the_guess_decides() -> None:
-    recording = record(draw(FACING))
-    assert recording.oracle_observations is not None
-    for observations, loses in ((recording.observations, True), (recording.oracle_observations, False)):
-        evidence = gather(observations, recording.rig, fgpose.Config())
-        segment = Segment.of_recording(evidence, recording.rig, observations.skeleton, fgpose.Config())
-        first = settling._steps(segment, settling._FIRST_STEPS)
-        started = settling._started(segment)
-        assert (
-            settling._n_inliers(started.positions_m, segment) > settling._n_inliers(first.positions_m, segment)
-        ) == loses
