@@ -119,7 +119,7 @@ def _stands_still(name: str, runs: list[tuple[float, float]], person: int | None
         Severity.WRONG,
         f"The image of {name} stands still from {start_s:.2f} to {end_s:.2f} s{more}: its keypoints are the same to "
         "the last digit while other cameras show motion",
-        "The camera or its recorder hung. Leave these images of it out, or record again.",
+        "The camera or its recorder hung. While others move its detections are left out: record again if it is needed.",
         0.7,
         camera=name,
         person=person,
