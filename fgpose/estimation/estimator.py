@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.evidence.repeats import RunningRepeats
+from fgpose.estimation.evidence.image_checks import RunningImageChecks
 from fgpose.estimation.online.arrivals import Turns, check_frame, one_frame, one_image
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.parts.online import HungPart, of_whole_body
@@ -48,7 +48,7 @@ class Estimator:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         body = skeleton.of_joints(skeleton.body) if skeleton.parts else skeleton
         self._body, self._turns = PartEstimator(rig, body, self.config, offsets), Turns()
-        self._repeats = RunningRepeats(rig.n_cameras, skeleton.n_joints)
+        self._checks = RunningImageChecks(rig, skeleton.n_joints)
         self._parts = [HungPart(part, skeleton, rig, self.config, self._body.offsets) for part in skeleton.parts]
 
     def __getstate__(self) -> dict[str, object]:
@@ -172,9 +172,9 @@ class Estimator:
 
     def _take(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         """Images of all cameras. Raises ValueError as update and update_camera."""
-        new = self._repeats.without(images)
-        estimate = self._estimate(new, taken_s)
-        self._repeats.add(images)
+        of_person = self._checks.checked(images, lambda: None if self.newest is None else self.newest.positions_m)
+        estimate = self._estimate(of_person, taken_s)
+        self._checks.add(images)
         return estimate
 
     def _estimate(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:

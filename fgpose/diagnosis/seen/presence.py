@@ -12,6 +12,7 @@ from fgpose.association.identity import RECOGNISED
 from fgpose.association.successive import Replacement, successive
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined
+from fgpose.estimation.evidence.image_checks import views_gone_over
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.sampling import stretches, usual_step_s
@@ -20,6 +21,7 @@ from fgpose.sampling import stretches, usual_step_s
 _LEAST_S, _LEAST_SHARE = 1.0, 0.02
 _FEWEST_JOINTS = 3  # fewer are no body
 _AT_MOST = 4  # intervals that are listed
+_GONE_OVER_S = 0.2  # for less it is a detection that failed
 # Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
 
@@ -165,6 +167,40 @@ def _comes_after(change: Replacement) -> Finding:
         0.7,
         from_s=change.come_s,
         numbers={"away_m": change.away_m, "log_odds": change.log_odds},
+    )
+
+
+def gone_over(examined: Examined) -> list[Finding]:
+    """Views that leave the person for somebody else, for some time.
+
+    With a calibration that does not fit nobody can be told from somebody else.
+    """
+    if examined.rig.n_cameras < 2 or examined.geometry.explanation is not None:
+        return []
+    found = []
+    for person, seen in examined.people.items():
+        time_s, away = seen.frame_time_s, views_gone_over(seen, examined.rig)
+        for c, name in enumerate(examined.rig.names):
+            intervals = [(float(time_s[first]), float(time_s[end - 1])) for first, end in stretches(away[:, c])]
+            intervals = [(begin_s, end_s) for begin_s, end_s in intervals if end_s - begin_s >= _GONE_OVER_S]
+            if intervals:
+                found.append(_goes_over(name, intervals, examined.number(person)))
+    return found
+
+
+def _goes_over(name: str, intervals: list[Interval], person: int | None) -> Finding:
+    return Finding(
+        Code.SOMEBODY_ELSE,
+        Severity.DOUBTFUL,
+        f"{name} shows somebody else from {_listed(intervals)}: the whole body jumps there faster than anybody moves, "
+        "and other cameras see the person where they were",
+        "These detections are left out. Detect everybody and use --people all, or say who it is with --person-region.",
+        0.5,
+        camera=name,
+        person=person,
+        from_s=intervals[0][0],
+        to_s=intervals[-1][1],
+        numbers={"total_s": sum(end_s - begin_s for begin_s, end_s in intervals)},
     )
 
 

@@ -14,9 +14,9 @@ from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock
 from fgpose.estimation.evidence.evidence import Evidence, concatenated
 from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE, gather, without, without_depths
+from fgpose.estimation.evidence.image_checks import checked
 from fgpose.estimation.evidence.plausibility import Bodies
 from fgpose.estimation.evidence.presence import present
-from fgpose.estimation.evidence.repeats import without_repeats
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
@@ -158,8 +158,9 @@ class Gathered:
 
 
 def gather_long(observations: Observations, rig: CameraRig, config: Config) -> Evidence | Gathered:
-    """As gather, without detections that come again; of a long recording part by part, where it is needed."""
-    observations = without_repeats(observations)
+    """As gather, without detections that are not of the person at their moment; of a long recording part by part, where
+    it is needed."""
+    observations = checked(observations, rig)
     uses_depths = observations.points3d_m is not None and config.depth.use != "never"
     is_long = observations.n_frames > LONG_FRAMES and not uses_depths
     return Gathered.of(observations, rig, config) if is_long else gather(observations, rig, config)

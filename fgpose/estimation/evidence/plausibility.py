@@ -103,11 +103,11 @@ def _of_middle(
     positions_m: Float[np.ndarray, "frame joint 3"],
 ) -> tuple[Float[np.ndarray, "frame 3"], Float[np.ndarray, " frame"]]:
     """The middle of the joints of each frame, and their median distance from it; NaN where fewer than two are known."""
-    middle_m = _known_medians(positions_m)
-    return middle_m, _known_medians(np.linalg.norm(positions_m - middle_m[:, None], axis=-1, keepdims=True))[:, 0]
+    middle_m = known_medians(positions_m)
+    return middle_m, known_medians(np.linalg.norm(positions_m - middle_m[:, None], axis=-1, keepdims=True))[:, 0]
 
 
-def _known_medians(values: Float[np.ndarray, "frame joint value"]) -> Float[np.ndarray, "frame value"]:
+def known_medians(values: Float[np.ndarray, "set joint value"]) -> Float[np.ndarray, "set value"]:
     """Over the joints; NaN where fewer than two are known. numpy.nanmedian takes ten times as long."""
     known = np.asarray(np.isfinite(values).all(axis=-1))
     ordered, n_known = np.sort(np.where(known[..., None], values, np.inf), axis=1), known.sum(axis=1)

@@ -16,7 +16,7 @@ from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
 from fgpose.diagnosis.seen.order import sorted_as_text
 from fgpose.diagnosis.seen.placeholders import Placeholders
-from fgpose.diagnosis.seen.presence import blind, nobody, seen_elsewhere
+from fgpose.diagnosis.seen.presence import blind, gone_over, nobody, seen_elsewhere
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.diagnosis.seen.things import Things
 from fgpose.finding import Code, Severity
@@ -134,6 +134,21 @@ def test_somebody_else_now_and_then(cameras: tuple[int, ...], severity: Severity
     assert (finding.code, finding.severity) == (Code.DISAGREEING_CAMERA, severity)
     assert 25 <= 100 * finding.numbers["share"] <= 35  # of 30 %
     assert seen_elsewhere(given, rig.names) == []
+
+
+def test_a_view_that_goes_over_to_somebody_else() -> None:
+    rig = room(4)
+    seen, beside = recorded(rig), recorded(rig, motion_m() + np.array([1.0, 1.0, 0.0]), seed=5)
+    points_px = seen.points2d_px.copy()
+    points_px[60:90, :2] = beside.points2d_px[60:90, :2]
+    assert gone_over(Examined(rig, {0: seen})) == []
+    found = gone_over(Examined(rig, {0: with_points(seen, points_px)}))
+    assert [(each.code, each.severity, each.camera) for each in found] == [
+        (Code.SOMEBODY_ELSE, Severity.DOUBTFUL, name) for name in rig.names[:2]
+    ]
+    for each in found:
+        assert "2.0 to 3.0 s" in each.reason
+        assert each.numbers["total_s"] == pytest.approx(29 / 30)
 
 
 @pytest.mark.parametrize(
