@@ -69,7 +69,9 @@ def balancing(camera: int, change: Callable[[np.ndarray, fgpose.CameraRig], np.n
     return Source(rig, PeopleObservations.of_frames(seen.skeleton, rig.names, time_s, points_px, confidence))
 
 
-@pytest.mark.parametrize("person", [0, PersonRegion.parse("cam_01:300,100,500,1800")])
+@pytest.mark.parametrize(
+    "person", [0, pytest.param(PersonRegion.parse("cam_01:300,100,500,1800"), marks=pytest.mark.slow)]
+)
 def test_what_is_wrong_is_told_of_one_among_bystanders(person: int | PersonRegion) -> None:
     one = balancing(2, lambda points_px, rig: points_px / 2).one(person).first_frames(60)
     found = fgpose.diagnose(one.observations, one.rig, with_unfollowed=one.with_unfollowed).findings

@@ -15,7 +15,7 @@ TURNED, MOVED = 30, 26
 WITHIN_90 = 6.25
 
 
-@pytest.mark.parametrize("seed", [TURNED, MOVED])
+@pytest.mark.parametrize("seed", [pytest.param(TURNED, marks=pytest.mark.slow), MOVED])
 def test_the_ellipsoids_hold_what_wrong_cameras_do(seed: int) -> None:
     recording = record(draw(seed))
     frames = slice(0, 125)
