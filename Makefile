@@ -84,7 +84,7 @@ types: $(STAMP)
 pytest: $(STAMP)
 	$(PYTEST) -m "not slow" --durations=10
 
-# They show with more cases what the fast ones show too. A tenth of them: make slow-tests PART="--splits 10 --group 1".
+# They show with more cases what the fast ones show too. A twentieth of them: make slow-tests PART="--splits 20 --group 1".
 slow-tests: $(STAMP)
 	$(PYTEST) -m slow $(UNCHECKED) --durations=10 $(PART)
 
