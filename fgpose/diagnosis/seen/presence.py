@@ -171,24 +171,23 @@ def _comes_after(change: Replacement) -> Finding:
 
 
 def gone_over(examined: Examined) -> list[Finding]:
-    """Views that leave the person for somebody else, for some time.
+    """Views that leave the person for somebody else, for some time; where several were told apart, each has their own.
 
     With a calibration that does not fit nobody can be told from somebody else.
     """
-    if examined.rig.n_cameras < 2 or examined.geometry.explanation is not None:
+    if examined.association is not None or examined.rig.n_cameras < 2 or examined.geometry.explanation is not None:
         return []
+    time_s, away = examined.main.frame_time_s, views_gone_over(examined.main, examined.rig)
     found = []
-    for person, seen in examined.people.items():
-        time_s, away = seen.frame_time_s, views_gone_over(seen, examined.rig)
-        for c, name in enumerate(examined.rig.names):
-            intervals = [(float(time_s[first]), float(time_s[end - 1])) for first, end in stretches(away[:, c])]
-            intervals = [(begin_s, end_s) for begin_s, end_s in intervals if end_s - begin_s >= _GONE_OVER_S]
-            if intervals:
-                found.append(_goes_over(name, intervals, examined.number(person)))
+    for c, name in enumerate(examined.rig.names):
+        intervals = [(float(time_s[first]), float(time_s[end - 1])) for first, end in stretches(away[:, c])]
+        intervals = [(begin_s, end_s) for begin_s, end_s in intervals if end_s - begin_s >= _GONE_OVER_S]
+        if intervals:
+            found.append(_goes_over(name, intervals))
     return found
 
 
-def _goes_over(name: str, intervals: list[Interval], person: int | None) -> Finding:
+def _goes_over(name: str, intervals: list[Interval]) -> Finding:
     return Finding(
         Code.SOMEBODY_ELSE,
         Severity.DOUBTFUL,
@@ -197,7 +196,6 @@ def _goes_over(name: str, intervals: list[Interval], person: int | None) -> Find
         "These detections are left out. Detect everybody and use --people all, or say who it is with --person-region.",
         0.5,
         camera=name,
-        person=person,
         from_s=intervals[0][0],
         to_s=intervals[-1][1],
         numbers={"total_s": sum(end_s - begin_s for begin_s, end_s in intervals)},
