@@ -74,6 +74,19 @@ def _other_person(take: Take, rng: np.random.Generator) -> Damaged:
     return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, (take.rig.names[c],))
 
 
+def _beside(take: Take, rng: np.random.Generator) -> Damaged:
+    """Two cameras follow somebody beside the person for a third of the time."""
+    cameras, third = rng.choice(take.rig.n_cameras, 2, replace=False), len(take.truth_m) // 3
+    angle = rng.uniform(0, 2 * np.pi)
+    beside = take.film(take.rig, take.truth_m[::-1] + 1.5 * np.array([np.cos(angle), np.sin(angle), 0.0]))
+    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
+    for c in cameras:
+        points[third : 2 * third, c] = beside.points2d_px[third : 2 * third, c]
+        confidence[third : 2 * third, c] = beside.confidence[third : 2 * third, c]
+    names = tuple(take.rig.names[c] for c in sorted(cameras))
+    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, names, third / FPS)
+
+
 def _reflection(take: Take, rng: np.random.Generator) -> Damaged:
     """One camera's network takes the reflection in a window for the person, half of the time."""
     c, n = some_camera(take, rng), len(take.truth_m)
@@ -161,6 +174,13 @@ PEOPLE: tuple[Damage, ...] = (
         _other_person,
         3,
         is_constant=True,
+        of_simulated=True,
+    ),
+    Damage(
+        "somebody beside for a while, two cameras",
+        (Code.SOMEBODY_ELSE, Code.DISAGREEING_CAMERA),
+        _beside,
+        4,
         of_simulated=True,
     ),
     Damage(
