@@ -94,8 +94,9 @@ class Estimator:
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
 
-        Detections that make no body are left out, as if nobody had been detected (Estimate.is_implausible). The image
-        of one camera alone (the others have no time, or are not in the frame) is taken as update_camera takes it, as
+        Detections that make no body are left out, as if nobody had been detected (Estimate.is_implausible); so are
+        those that repeat the image before to the last digit, and views that go over to somebody else. The image of one
+        camera alone (the others have no time, or are not in the frame) is taken as update_camera takes it, as
         are those of cameras that show somebody in turns: it may join the frame before, whose pose is returned then.
 
         Raises:

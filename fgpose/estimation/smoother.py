@@ -55,6 +55,9 @@ def smooth(
 ) -> Trajectory:
     """The most probable motion given all frames, by batch optimisation of the factor graph.
 
+    Detections that repeat those of the image before to the last digit are left out, and so are views while their
+    detector has gone over to somebody else (fgpose.estimation.evidence.image_checks).
+
     A recording longer than solver.window_s is solved in overlapping windows, with bone lengths learned beforehand from
     frames spread over all of it, so that windows agree where they meet.
 
