@@ -77,12 +77,12 @@ def _other_person(take: Take, rng: np.random.Generator) -> Damaged:
 def _beside(take: Take, rng: np.random.Generator) -> Damaged:
     """Two cameras follow somebody beside the person for a third of the time."""
     cameras, third = rng.choice(take.rig.n_cameras, 2, replace=False), len(take.truth_m) // 3
+    during = slice(third, 2 * third)
     angle = rng.uniform(0, 2 * np.pi)
     beside = take.film(take.rig, take.truth_m[::-1] + 1.5 * np.array([np.cos(angle), np.sin(angle), 0.0]))
     points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
-    for c in cameras:
-        points[third : 2 * third, c] = beside.points2d_px[third : 2 * third, c]
-        confidence[third : 2 * third, c] = beside.confidence[third : 2 * third, c]
+    points[during, cameras] = beside.points2d_px[during, cameras]
+    confidence[during, cameras] = beside.confidence[during, cameras]
     names = tuple(take.rig.names[c] for c in sorted(cameras))
     return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, names, third / FPS)
 

@@ -11,10 +11,12 @@ images. So a view in which the whole body jumps is left out while it is far from
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE
 from fgpose.estimation.evidence.plausibility import known_medians
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import CameraRig
@@ -30,7 +32,6 @@ _MOST = 0.5  # of the detections of an image that is new
 _JUMP, _FASTEST_MPS, _ERRS_M, _BACK_M = 0.2, 12.0, 0.2, 0.3
 _LONGEST_S = 0.5  # between images, and in one place
 _TELL, _KNOWN_S = 2, 1.0  # so many cameras tell where somebody is, and for so long it is known
-_FRAMES_AT_ONCE = 1000
 
 
 def checked(observations: Observations, rig: CameraRig) -> Observations:
@@ -39,40 +40,78 @@ def checked(observations: Observations, rig: CameraRig) -> Observations:
     repeated = np.zeros(observations.confidence.shape, dtype=bool)
     repeated[1:] = _repeated(points_px[1:], points_px[:-1], np.zeros(observations.n_cameras, dtype=bool))[0]
     new = observations.without(repeated)
-    return new.without(np.broadcast_to(views_gone_over(new, rig)[..., None], repeated.shape))
+    return _without_views(new, views_gone_over(new, rig))
 
 
-class RunningImageChecks:
-    """The same, image by image.
+@dataclass(frozen=True, eq=False)
+class ImageChecks:
+    """The same, image by image: what the next images are compared with."""
 
-    Args:
-        rig: the cameras.
-        n_joints: of the person.
-    """
+    before_px: Float[np.ndarray, "camera joint 2"]
+    """The last image of each camera that showed anything, and when it was taken."""
+    before_s: Float[np.ndarray, " camera"]
+    is_new: Bool[np.ndarray, " camera"]
+    """Whether that was another one than before it."""
+    gone_over: Bool[np.ndarray, " camera"]
+    """In which views the detector has gone over to somebody else."""
+    meets_s: Float[np.ndarray, " camera"]
+    """Since when somebody else and the person are in one place of such a view; inf: they are not."""
+    tell_s: float
+    """When enough cameras told where the person is."""
 
-    def __init__(self, rig: CameraRig, n_joints: int) -> None:
-        shape = rig.n_cameras, n_joints, 2
-        self._before_px, self._is_new = np.full((1, *shape), np.nan), np.zeros(rig.n_cameras, dtype=bool)
-        self._views = _Views(rig, n_joints)
+    @staticmethod
+    def none(n_cameras: int, n_joints: int) -> ImageChecks:
+        """Before the first image."""
+        never_s, (is_new, gone_over) = np.full(n_cameras, -np.inf), np.zeros((2, n_cameras), dtype=bool)
+        return ImageChecks(np.full((n_cameras, n_joints, 2), np.nan), never_s, is_new, gone_over, -never_s, -np.inf)
 
-    def checked(self, images: Observations, known_m: Callable[[], Float[np.ndarray, "joint 3"] | None]) -> Observations:
-        """The images, some of all cameras, without detections that are not of the person at their moment.
+    def checked(
+        self, images: Observations, known_m: Callable[[], Float[np.ndarray, "joint 3"] | None], rig: CameraRig
+    ) -> tuple[Observations, ImageChecks]:
+        """The images, some of all cameras, without detections that are not of the person at their moment; and what
+        those after them are compared with.
 
         Args:
             images: of one frame.
             known_m: where the person is; NaN where that is not known, None: nowhere.
+            rig: the cameras.
         """
-        new = images.without(_repeated(images.points2d_px, self._before_px, self._is_new)[0])
-        gone_over = self._views.gone_over(new, known_m)
-        return new.without(np.broadcast_to(gone_over[None, :, None], new.confidence.shape))
+        repeated, is_new = _repeated(images.points2d_px, self.before_px[None], self.is_new)
+        new = images.without(repeated)
+        judged = self._judged(new, known_m, rig)
+        return _without_views(new, judged.gone_over[None]), replace(judged._after(images), is_new=is_new[0])
 
-    def add(self, images: Observations) -> None:
-        """Take the images that the next ones come after."""
-        came = images.seen[0].any(axis=-1)
-        is_new = _repeated(images.points2d_px, self._before_px, self._is_new)[1][0]
-        self._is_new = np.where(came, is_new, self._is_new)
-        self._before_px = np.where(came[:, None, None], images.points2d_px, self._before_px)
-        self._views.add(images)
+    def _judged(
+        self, images: Observations, known_m: Callable[[], Float[np.ndarray, "joint 3"] | None], rig: CameraRig
+    ) -> ImageChecks:
+        """With the views that have gone over by these images."""
+        points_px, time_s, shows = images.points2d_px[0], float(images.frame_time_s[0]), images.seen[0].any(axis=-1)
+        apart_s = np.maximum(time_s - self.before_s, 0.0)  # images may come late
+        jumped = shows & _jumped(points_px, self.before_px) & (apart_s <= _LONGEST_S)
+        of_person_m = known_m() if (jumped | (shows & self.gone_over)).any() else None
+        if of_person_m is None:
+            return self
+        off_px = rig.project(of_person_m) - rig.undistort(points_px)
+        off_m = known_medians((np.linalg.norm(off_px, axis=-1) / rig.px_per_m(of_person_m))[..., None])[:, 0]
+        # Cameras that have no image now stay too.
+        stay = ~self.gone_over & ~jumped & (apart_s <= _LONGEST_S) & ~(off_m >= _BACK_M)
+        tell_s = time_s if stay.sum() >= _TELL else self.tell_s
+        farthest_m = np.where(self.gone_over, _BACK_M, _ERRS_M + _FASTEST_MPS * apart_s)
+        meets = shows & self.gone_over & ~jumped & (off_m < _BACK_M)
+        meets_s = np.where(meets, np.minimum(self.meets_s, time_s), np.inf)
+        comes_back = (jumped & (off_m <= farthest_m)) | (time_s - meets_s > _LONGEST_S)
+        goes = jumped & (off_m > farthest_m) & (stay.sum() >= _TELL)
+        gone_over = (self.gone_over | goes) & ~comes_back & (time_s - tell_s <= _KNOWN_S)
+        return replace(self, gone_over=gone_over, meets_s=meets_s, tell_s=tell_s)
+
+    def _after(self, images: Observations) -> ImageChecks:
+        """With these images as the last ones."""
+        shows = images.seen[0].any(axis=-1)
+        return replace(
+            self,
+            before_px=np.where(shows[:, None, None], images.points2d_px[0], self.before_px),
+            before_s=np.where(shows, images.frame_time_s[0], self.before_s),
+        )
 
 
 def _repeated(
@@ -97,42 +136,8 @@ def _repeated(
     return same, is_new
 
 
-class _Views:
-    """In which views the detector has gone over to somebody else."""
-
-    def __init__(self, rig: CameraRig, n_joints: int) -> None:
-        self._rig, n_cameras = rig, rig.n_cameras
-        self._before_px, self._before_s = np.full((n_cameras, n_joints, 2), np.nan), np.full(n_cameras, -np.inf)
-        self._gone_over, self._tell_s = np.zeros(n_cameras, dtype=bool), -np.inf
-        self._meets_s = np.full(n_cameras, np.inf)
-
-    def gone_over(
-        self, images: Observations, known_m: Callable[[], Float[np.ndarray, "joint 3"] | None]
-    ) -> Bool[np.ndarray, " camera"]:
-        """In which of these images; arguments as RunningImageChecks.checked."""
-        points_px, time_s, shows = images.points2d_px[0], float(images.frame_time_s[0]), images.seen[0].any(axis=-1)
-        apart_s = np.maximum(time_s - self._before_s, 0.0)  # images may come late
-        jumped = shows & _jumped(points_px, self._before_px) & (apart_s <= _LONGEST_S)
-        of_person_m = known_m() if (jumped | (shows & self._gone_over)).any() else None
-        if of_person_m is not None:
-            off_px = self._rig.project(of_person_m) - self._rig.undistort(points_px)
-            off_m = known_medians((np.linalg.norm(off_px, axis=-1) / self._rig.px_per_m(of_person_m))[..., None])[:, 0]
-            # So do cameras that have no image now.
-            stay = ~self._gone_over & ~jumped & (apart_s <= _LONGEST_S) & ~(off_m >= _BACK_M)
-            self._tell_s = time_s if stay.sum() >= _TELL else self._tell_s
-            farthest_m = np.where(self._gone_over, _BACK_M, _ERRS_M + _FASTEST_MPS * apart_s)
-            meets = shows & self._gone_over & ~jumped & (off_m < _BACK_M)
-            self._meets_s = np.where(meets, np.minimum(self._meets_s, time_s), np.inf)
-            comes_back = (jumped & (off_m <= farthest_m)) | (time_s - self._meets_s > _LONGEST_S)
-            goes = jumped & (off_m > farthest_m) & (stay.sum() >= _TELL)
-            self._gone_over = (self._gone_over | goes) & ~comes_back & (time_s - self._tell_s <= _KNOWN_S)
-        return self._gone_over
-
-    def add(self, images: Observations) -> None:
-        """Take the images that the next ones come after."""
-        shows = images.seen[0].any(axis=-1)
-        self._before_px = np.where(shows[:, None, None], images.points2d_px[0], self._before_px)
-        self._before_s = np.where(shows, images.frame_time_s[0], self._before_s)
+def _without_views(observations: Observations, views: Bool[np.ndarray, "frame camera"]) -> Observations:
+    return observations.without(np.broadcast_to(views[..., None], observations.confidence.shape))
 
 
 def views_gone_over(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera"]:
@@ -140,11 +145,12 @@ def views_gone_over(observations: Observations, rig: CameraRig) -> Bool[np.ndarr
     found = np.zeros(observations.confidence.shape[:2], dtype=bool)
     if not _any_jump(observations):
         return found
-    views, latest = _Views(rig, observations.skeleton.n_joints), observations.frames(slice(0, 1))
+    checks = ImageChecks.none(observations.n_cameras, observations.skeleton.n_joints)
+    latest = observations.frames(slice(0, 1))
     for frame, images in enumerate(observations):
-        found[frame] = views.gone_over(images, lambda latest=latest: _triangulated_m(latest, rig))
-        views.add(images)
-        of_person = images.without(np.broadcast_to(found[frame][None, :, None], images.confidence.shape))
+        checks = checks._judged(images, lambda latest=latest: _triangulated_m(latest, rig), rig)._after(images)
+        found[frame] = checks.gone_over
+        of_person = _without_views(images, found[frame][None])
         if of_person.seen.any(axis=-1).sum() >= 2:
             latest = of_person
     return found
@@ -158,7 +164,7 @@ def _any_jump(observations: Observations) -> bool:
     """Whether the whole body jumps in any view."""
     points_px, shows = observations.points2d_px, np.asarray(observations.seen.any(axis=-1))
     latest = np.maximum.accumulate(np.where(shows, np.arange(len(shows))[:, None], 0), axis=0)
-    for part in parts_of(observations.n_frames - 1, _FRAMES_AT_ONCE):
+    for part in parts_of(observations.n_frames - 1, FRAMES_AT_ONCE):
         before_px = points_px[latest[part], np.arange(observations.n_cameras)]
         if _jumped(points_px[part.start + 1 : part.stop + 1], before_px).any():
             return True

@@ -55,7 +55,7 @@ class Bodies:
             outside: frames in which most detections lie far outside their images.
             skeleton: the joints.
         """
-        size_m, n_known = _sizes_m(positions_m), np.isfinite(positions_m).all(axis=-1).sum(axis=1)
+        (_, size_m), n_known = _of_middle(positions_m), np.isfinite(positions_m).all(axis=-1).sum(axis=1)
         bones_m = skeleton.bone_lengths(positions_m)
         n_long, n_bones = (bones_m > _LONGEST_BONE_M).sum(axis=1), np.isfinite(bones_m).sum(axis=1)
         n_seen = (n_views >= 2).sum(axis=1)
@@ -78,11 +78,6 @@ class Bodies:
                 f"the joints are {size_m:.0f} m apart in {n_large} of {n_known} frames: the calibration looks like "
                 "millimetres; divide its lengths by 1000"
             )
-
-
-def _sizes_m(positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, " frame"]:
-    """Median distance of the joints of each frame from their middle."""
-    return _of_middle(positions_m)[1]
 
 
 def middles_m(positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame 3"]:

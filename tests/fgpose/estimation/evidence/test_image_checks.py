@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.estimation.evidence.image_checks import RunningImageChecks, checked
+from fgpose.estimation.evidence.image_checks import ImageChecks, checked
 from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, Scene, simulate
 
 
@@ -25,11 +25,11 @@ def batch(seen: fgpose.Observations, rig: fgpose.CameraRig) -> fgpose.Observatio
 
 def online(seen: fgpose.Observations, rig: fgpose.CameraRig, known_m: np.ndarray | None = None) -> fgpose.Observations:
     """What is left frame by frame, of somebody who was here the frame before."""
-    running, left = RunningImageChecks(rig, seen.skeleton.n_joints), []
+    checks, left = ImageChecks.none(seen.n_cameras, seen.skeleton.n_joints), []
     for number, frame in enumerate(seen):
         before_m = None if known_m is None else known_m[max(number - 1, 0)]
-        left.append(running.checked(frame, lambda before_m=before_m: before_m).points2d_px)
-        running.add(frame)
+        of_person, checks = checks.checked(frame, lambda before_m=before_m: before_m, rig)
+        left.append(of_person.points2d_px)
     return seen.without(np.asarray(np.isnan(np.concatenate(left)).any(axis=-1)))
 
 
@@ -51,15 +51,14 @@ def test_what_is_held_is_left_out(left, joints: list[int], seen: fgpose.Observat
 def test_of_images_of_one_camera_at_a_time(seen: fgpose.Observations, rig: fgpose.CameraRig) -> None:
     """As Estimator.update_camera takes them: what the others showed last tells that somebody moves."""
     stalled = held(seen, 1, list(range(17)), slice(10, 20))
-    running = RunningImageChecks(rig, seen.skeleton.n_joints)
+    checks = ImageChecks.none(seen.n_cameras, seen.skeleton.n_joints)
     for number, frame in enumerate(stalled):
         for camera in range(seen.n_cameras):
             others = np.ones(frame.confidence.shape, dtype=bool)
             others[:, camera] = False
             alone = frame.without(others)
-            is_left = running.checked(alone, lambda: None).seen[0, camera].any()
-            assert is_left == (not (camera == 1 and 10 <= number < 20))
-            running.add(alone)
+            of_person, checks = checks.checked(alone, lambda: None, rig)
+            assert of_person.seen[0, camera].any() == (not (camera == 1 and 10 <= number < 20))
 
 
 @pytest.mark.parametrize("grid_px", [1.0, 0.25])
@@ -153,3 +152,19 @@ def test_a_view_that_jumps_by_itself_is_no_other_person(walking_scene: Scene) ->
     found = checked(replace(seen, points2d_px=points_px), walking_scene.rig)
     assert not found.seen[15, 2].any()
     np.testing.assert_array_equal(found.seen[16:], seen.seen[16:])
+
+
+def test_a_refused_image_leaves_no_trace(walking_scene: Scene) -> None:
+    """Not even that views go over in it."""
+    seen, rig = gone_over(walking_scene, [0, 1]), walking_scene.rig
+    estimator = fgpose.Estimator(rig, seen.skeleton)
+    for frame in range(AWAY.start):
+        estimator.update(seen.frames(slice(frame, frame + 1)))
+    before = estimator._checks
+    camera, points_px = rig.names[0], seen.points2d_px[AWAY.start, 0]
+    estimator.update_camera(rig.names[2], AWAY.start / 30, seen.points2d_px[AWAY.start, 2])
+    after = estimator._checks
+    assert after is not before
+    with pytest.raises(ValueError, match="image"):
+        estimator.update_camera(camera, (AWAY.start - 1) / 30, points_px)
+    assert estimator._checks is after
