@@ -58,6 +58,7 @@ class Code(StrEnum):
     # Who is seen, and how well.
     NOBODY = "nobody"
     SOMEBODY_ELSE = "somebody-else"
+    IDENTITY_SWITCH = "identity-switch"
     SEVERAL_PEOPLE = "several-people"
     FEW_CAMERAS = "few-cameras"
     BLIND_CAMERA = "blind-camera"
@@ -168,6 +169,7 @@ _OF_GEOMETRY = frozenset(
         Code.NOT_CONVERGED,
         Code.UNDETERMINED,
         Code.BLIND_CAMERA,
+        Code.IDENTITY_SWITCH,
     }
 )
 _OF_ONE_CAMERA = frozenset(
@@ -179,6 +181,7 @@ _OF_ONE_CAMERA = frozenset(
         Code.LARGE_ERRORS,
         Code.GAP,
         Code.IMPOSSIBLE_TURN,
+        Code.IDENTITY_SWITCH,
     }
 )
 # Rays to one place of an image.
@@ -230,6 +233,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.SOMEBODY_ELSE: frozenset(
         {Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED, Code.BUMPED_CAMERA, Code.MOVED_CAMERA, Code.WRONG_LENS}
     ),
+    Code.IDENTITY_SWITCH: frozenset({Code.HALLUCINATING_CAMERA, Code.CONTRADICTED}),
     Code.NOBODY: frozenset({Code.GAP}),
     Code.LOW_CONFIDENCE: frozenset({Code.MISPLACED_JOINT, Code.CONTRADICTED}),
     Code.FEW_CAMERAS: frozenset({Code.IMPOSSIBLE_TURN, Code.IMPOSSIBLE_SPEED}),

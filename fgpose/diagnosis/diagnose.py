@@ -40,7 +40,7 @@ from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
 from fgpose.diagnosis.seen.order import sorted_as_text
 from fgpose.diagnosis.seen.placeholders import Placeholders
-from fgpose.diagnosis.seen.presence import blind, gone_over, never_seen, nobody, somebody_else
+from fgpose.diagnosis.seen.presence import blind, identity_switches, never_seen, nobody, somebody_else
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.diagnosis.seen.things import Things
 from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, other_bones, outside
@@ -75,7 +75,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
         interpolated_keypoints,
         nobody,
         somebody_else,
-        gone_over,
+        identity_switches,
         low_confidence,
         blind,
         never_seen,

@@ -17,6 +17,7 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.hypotheses.consistency import consistency
 from fgpose.diagnosis.hypotheses.geometry import Geometry, examine
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews, limb_joints
+from fgpose.estimation.evidence.image_checks.followed import views_gone_over
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import usual_parallax_deg
 from fgpose.geometry.up_axis import UpChoice, WorldUp
@@ -137,6 +138,15 @@ class Examined:
         """Whether the cameras agree on it; and if not, why."""
         limbs = limb_joints(self.main.skeleton)
         return examine(lambda frames: self.scene(frames).joints(limbs), self.main.frame_time_s)
+
+    @cached_property
+    def gone_over(self) -> Bool[np.ndarray, "frame camera"]:
+        """In which images of the main person the detector has gone over to somebody else. In none where several were
+        told apart, as each has their own; nor with a calibration that does not fit, where nobody can be told from
+        somebody else."""
+        if self.association is not None or self.rig.n_cameras < 2 or self.geometry.explanation is not None:
+            return np.zeros((self.main.n_frames, self.rig.n_cameras), dtype=bool)
+        return views_gone_over(self.main, self.rig)
 
     @cached_property
     def body_m(self) -> Float[np.ndarray, "frame joint 3"]:

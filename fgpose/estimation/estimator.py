@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.evidence.image_checks import ImageChecks
+from fgpose.estimation.evidence.image_checks.checks import ImageChecks
 from fgpose.estimation.online.arrivals import Turns, check_frame, one_frame, one_image
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.parts.online import HungPart, of_whole_body
@@ -48,7 +48,7 @@ class Estimator:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         body = skeleton.of_joints(skeleton.body) if skeleton.parts else skeleton
         self._body, self._turns = PartEstimator(rig, body, self.config, offsets), Turns()
-        self._checks = ImageChecks.none(rig.n_cameras, skeleton.n_joints)
+        self._checks = ImageChecks.none(rig.n_cameras, skeleton)
         self._parts = [HungPart(part, skeleton, rig, self.config, self._body.offsets) for part in skeleton.parts]
 
     def __getstate__(self) -> dict[str, object]:
@@ -173,14 +173,10 @@ class Estimator:
 
     def _take(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         """Images of all cameras. Raises ValueError as update and update_camera."""
-        of_person, checks = self._checks.checked(images, self._newest_m, self.rig)
+        of_person, checks = self._checks.checked(images, self._body.expected_m, self.rig)
         estimate = self._estimate(of_person, taken_s)
         self._checks = checks
         return estimate
-
-    def _newest_m(self) -> Float[np.ndarray, "joint 3"] | None:
-        newest = self.newest
-        return None if newest is None else newest.positions_m
 
     def _estimate(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         if not self._parts:

@@ -12,7 +12,6 @@ from fgpose.association.identity import RECOGNISED
 from fgpose.association.successive import Replacement, successive
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined
-from fgpose.estimation.evidence.image_checks import views_gone_over
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.sampling import stretches, usual_step_s
@@ -21,7 +20,7 @@ from fgpose.sampling import stretches, usual_step_s
 _LEAST_S, _LEAST_SHARE = 1.0, 0.02
 _FEWEST_JOINTS = 3  # fewer are no body
 _AT_MOST = 4  # intervals that are listed
-_GONE_OVER_S = 0.2  # for less it is a detection that failed
+_SWITCHED_S = 0.2  # for less it is a detection that failed
 # Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
 
@@ -170,18 +169,13 @@ def _comes_after(change: Replacement) -> Finding:
     )
 
 
-def gone_over(examined: Examined) -> list[Finding]:
-    """Views that leave the person for somebody else, for some time; where several were told apart, each has their own.
-
-    With a calibration that does not fit nobody can be told from somebody else.
-    """
-    if examined.association is not None or examined.rig.n_cameras < 2 or examined.geometry.explanation is not None:
-        return []
-    time_s, away = examined.main.frame_time_s, views_gone_over(examined.main, examined.rig)
-    found = []
+def identity_switches(examined: Examined) -> list[Finding]:
+    """Views that leave the person for somebody else for some time."""
+    time_s, found = examined.main.frame_time_s, []
     for c, name in enumerate(examined.rig.names):
-        intervals = [(float(time_s[first]), float(time_s[end - 1])) for first, end in stretches(away[:, c])]
-        intervals = [(begin_s, end_s) for begin_s, end_s in intervals if end_s - begin_s >= _GONE_OVER_S]
+        images = stretches(examined.gone_over[:, c])
+        intervals = [(float(time_s[first]), float(time_s[end - 1])) for first, end in images]
+        intervals = [(begin_s, end_s) for begin_s, end_s in intervals if end_s - begin_s >= _SWITCHED_S]
         if intervals:
             found.append(_goes_over(name, intervals))
     return found
@@ -189,10 +183,10 @@ def gone_over(examined: Examined) -> list[Finding]:
 
 def _goes_over(name: str, intervals: list[Interval]) -> Finding:
     return Finding(
-        Code.SOMEBODY_ELSE,
+        Code.IDENTITY_SWITCH,
         Severity.DOUBTFUL,
-        f"{name} shows somebody else from {_listed(intervals)}: the whole body jumps there faster than anybody moves, "
-        "and other cameras see the person where they were",
+        f"{name} shows somebody else from {_listed(intervals)}: the whole body leaves the person there, whom other "
+        "cameras see where they were going",
         "These detections are left out. Detect everybody and use --people all, or say who it is with --person-region.",
         0.5,
         camera=name,
@@ -203,7 +197,8 @@ def _goes_over(name: str, intervals: list[Interval]) -> Finding:
 
 
 def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Finding]:
-    """Somebody else, a reflection, a picture: in some images, where cameras agree in others.
+    """Somebody else, a reflection, a picture: in some images, where cameras agree in others. Of those in which a view
+    has gone over to somebody else identity_switches tells.
 
     Args:
         examined: whose cameras agree as a rule.
@@ -216,13 +211,14 @@ def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Findi
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of images without anybody: NaN
         of_body_m = np.nanmedian(np.where(found.judged, found.distance_m, np.nan), axis=1)
-    judged = found.judged.sum(axis=1) >= _LEAST_JOINTS
+    at_s, switched_s = geometry.state.scene.time_s, examined.main.frame_time_s[examined.gone_over.any(axis=1)]
+    judged = (found.judged.sum(axis=1) >= _LEAST_JOINTS) & ~np.isin(at_s, switched_s)[:, None]
     far = judged & (of_body_m > _FAR_M)
     often = far.sum(axis=0) > _OFTEN_FAR * np.maximum(judged.sum(axis=0), 1)
     cameras = [c for c in np.flatnonzero(often).tolist() if names[c] not in explained]
     if not cameras:
         return []
-    share, at_s = float(far[:, cameras].any(axis=1).mean()), geometry.state.scene.time_s
+    share = float(far[:, cameras].any(axis=1).mean())
     when = at_s[far[:, cameras].any(axis=1)]
     who = ", ".join(names[c] for c in cameras)
     outvoted = len(cameras) == 1

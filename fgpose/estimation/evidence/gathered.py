@@ -14,7 +14,7 @@ from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock
 from fgpose.estimation.evidence.evidence import Evidence, concatenated
 from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE, gather, without, without_depths
-from fgpose.estimation.evidence.image_checks import checked
+from fgpose.estimation.evidence.image_checks.checks import checked
 from fgpose.estimation.evidence.plausibility import Bodies
 from fgpose.estimation.evidence.presence import present
 from fgpose.geometry.camera import CameraRig

@@ -31,6 +31,7 @@ from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.trajectory import Estimate
 
+_GOES_ON_S = 0.2  # velocities change within half a step
 _APPLY_OFFSETS_S = 0.5  # a new rig costs a millisecond, and offsets change slowly
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at
 # twice as much, the mean errors on the tuning clips are 1 to 2 % larger.
@@ -105,6 +106,15 @@ class PartEstimator:
     def offsets(self) -> RunningOffsets:
         """What is learned of the cameras' time offsets, to be shared."""
         return self._offsets
+
+    def expected_m(self, time_s: float) -> Float[np.ndarray, "joint 3"]:
+        """Where the joints of the newest frame are a moment later, by their velocities; world frame, NaN: there is no
+        frame. After _GOES_ON_S they stay."""
+        if not len(self._window):
+            return np.full((self.skeleton.n_joints, 3), np.nan)
+        newest = self._window[-1]
+        passed_s = float(np.clip(time_s - newest.at.time_s, 0.0, _GOES_ON_S))
+        return np.where(newest.active[:, None], newest.positions_m + newest.velocities_mps * passed_s, np.nan)
 
     def know(self, lengths: BoneLengths) -> None:
         """See Estimator."""

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.estimation.evidence.image_checks import ImageChecks, checked
-from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, Scene, simulate
+from fgpose.estimation.evidence.image_checks.checks import ImageChecks, checked
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, simulate
 
 
 def held(seen: fgpose.Observations, camera: int, joints: list[int], frames: slice) -> fgpose.Observations:
@@ -25,10 +25,10 @@ def batch(seen: fgpose.Observations, rig: fgpose.CameraRig) -> fgpose.Observatio
 
 def online(seen: fgpose.Observations, rig: fgpose.CameraRig, known_m: np.ndarray | None = None) -> fgpose.Observations:
     """What is left frame by frame, of somebody who was here the frame before."""
-    checks, left = ImageChecks.none(seen.n_cameras, seen.skeleton.n_joints), []
+    checks, left = ImageChecks.none(seen.n_cameras, seen.skeleton), []
     for number, frame in enumerate(seen):
-        before_m = None if known_m is None else known_m[max(number - 1, 0)]
-        of_person, checks = checks.checked(frame, lambda before_m=before_m: before_m, rig)
+        before_m = np.full((17, 3), np.nan) if known_m is None else known_m[max(number - 1, 0)]
+        of_person, checks = checks.checked(frame, lambda _, before_m=before_m: before_m, rig)
         left.append(of_person.points2d_px)
     return seen.without(np.asarray(np.isnan(np.concatenate(left)).any(axis=-1)))
 
@@ -51,13 +51,13 @@ def test_what_is_held_is_left_out(left, joints: list[int], seen: fgpose.Observat
 def test_of_images_of_one_camera_at_a_time(seen: fgpose.Observations, rig: fgpose.CameraRig) -> None:
     """As Estimator.update_camera takes them: what the others showed last tells that somebody moves."""
     stalled = held(seen, 1, list(range(17)), slice(10, 20))
-    checks = ImageChecks.none(seen.n_cameras, seen.skeleton.n_joints)
+    checks = ImageChecks.none(seen.n_cameras, seen.skeleton)
     for number, frame in enumerate(stalled):
         for camera in range(seen.n_cameras):
             others = np.ones(frame.confidence.shape, dtype=bool)
             others[:, camera] = False
             alone = frame.without(others)
-            of_person, checks = checks.checked(alone, lambda: None, rig)
+            of_person, checks = checks.checked(alone, lambda _: np.full((17, 3), np.nan), rig)
             assert of_person.seen[0, camera].any() == (not (camera == 1 and 10 <= number < 20))
 
 
@@ -128,6 +128,79 @@ def test_two_cameras_that_follow_somebody_else_do_not_take_the_person_away(live:
     seen, truth_m = gone_over(walking_scene, [0, 1]), walking_scene.truth_m
     error_m = np.linalg.norm(poses_m(seen, walking_scene.rig, live=live) - truth_m, axis=-1)
     assert error_m[AWAY].mean() < 0.05
+
+
+PASSED_FROM = 22  # the first image in which a view follows who passes by
+
+
+def passed(scene: Scene, cameras: list[int], rate: int = 1) -> tuple[fgpose.Observations, np.ndarray]:
+    """These cameras go over to somebody who walks the other way, each where the two meet in its image; in which
+    images."""
+    seen, passes_m = scene.observations, scene.truth_m[::-1] + np.array([0.1, 0.5, 0.0])
+    apart_px = np.linalg.norm((scene.rig.project(passes_m) - scene.rig.project(scene.truth_m)).mean(axis=2), axis=-1)
+    away = np.zeros(apart_px.shape, dtype=bool)
+    for c in cameras:
+        away[PASSED_FROM + np.argmin(apart_px[PASSED_FROM:-PASSED_FROM, c]) :, c] = True
+    error_px = seen.points2d_px - scene.rig.project(scene.truth_m)
+    points_px = np.where(away[..., None, None], scene.rig.project(passes_m) + error_px, seen.points2d_px)
+    chosen = np.arange(seen.n_frames) % rate == 0
+    return replace(seen, points2d_px=points_px, points3d_m=None).frames(chosen), away[chosen]
+
+
+@pytest.mark.parametrize("rate", [1, 2], ids=["30 Hz", "15 Hz"])
+@pytest.mark.parametrize("cameras", [[2], [0, 1], [1, 3]])
+def test_views_that_go_over_where_two_people_pass_each_other(
+    cameras: list[int], rate: int, walking_scene: Scene
+) -> None:
+    """Nobody jumps there: a body that is for another only leaves its line."""
+    seen, away = passed(walking_scene, cameras, rate)
+    left_out = np.asarray(~batch(seen, walking_scene.rig).seen.any(axis=-1))
+    assert not left_out[~away].any()
+    assert left_out[away].mean() > 0.8  # of 20; in the first three the two are one
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_who_passes_by_does_not_take_the_person_along(live: bool, walking_scene: Scene) -> None:
+    seen, away = passed(walking_scene, [0, 1])
+    error_m = np.linalg.norm(poses_m(seen, walking_scene.rig, live=live) - walking_scene.truth_m, axis=-1)
+    assert error_m[away.any(axis=1)].mean() < 0.06
+
+
+def test_one_image_at_a_time(walking_scene: Scene) -> None:
+    """The other views are where they were going."""
+    (seen, away), rig = passed(walking_scene, [0, 1]), walking_scene.rig
+    estimator = fgpose.Estimator(rig, seen.skeleton)
+    for number, points_px in enumerate(seen.points2d_px):
+        images = [(name, number / 30 + 0.004 * c, points_px[c]) for c, name in enumerate(rig.names)]
+        newest_m = [estimator.update_camera(*image).positions_m for image in images][-1]
+        if away[number].any():
+            assert np.linalg.norm(newest_m - walking_scene.truth_m[number], axis=-1).mean() < 0.15
+
+
+def test_somebody_who_turns_round_leaves_all_lines(
+    rig: fgpose.CameraRig, skeleton: fgpose.Skeleton, walking_scene: Scene
+) -> None:
+    """From one image to the next, at 2 m/s."""
+    step_m = np.abs(np.arange(60) - 30)[:, None, None] * np.array([2.0, 0.0, 0.0]) / 30
+    truth_m = walking_scene.truth_m + step_m
+    turns = simulate(truth_m, skeleton, rig, 30.0, DetectionNoise(), NO_OCCLUSION, seed=0).observations
+    np.testing.assert_array_equal(checked(turns, rig).seen, turns.seen)
+
+
+def test_of_two_against_two_from_the_first_image_nobody_is_chosen(walking_scene: Scene) -> None:
+    seen, away = gone_over(walking_scene, [0, 1]), slice(AWAY.start, AWAY.stop)
+    np.testing.assert_array_equal(checked(seen.frames(away), walking_scene.rig).seen, seen.seen[away])
+
+
+def test_hands_and_face_elsewhere_are_not_somebody_else(rig: fgpose.CameraRig) -> None:
+    """Of the 133 joints of a whole body they are 110, but the body tells where somebody is."""
+    skeleton, rng = fgpose.load_skeleton("coco_wholebody_133"), np.random.default_rng(0)
+    truth_m = rng.normal((0.0, 0.0, 1.0), 0.3, (133, 3)) + np.linspace(0, 1, 20)[:, None, None] * np.array([1.0, 0, 0])
+    points_px = rig.project(truth_m) + rng.normal(0, 2, (20, 4, 133, 2))
+    of_parts = [joint for joint in range(133) if joint not in skeleton.body]
+    points_px[10:, 0, of_parts] += 400.0
+    seen = fgpose.Observations(skeleton, np.arange(20) / 30, points_px, camera_names=rig.names)
+    np.testing.assert_array_equal(checked(seen, rig).seen, seen.seen)
 
 
 def test_who_is_fast_is_not_somebody_else(

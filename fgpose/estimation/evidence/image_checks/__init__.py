@@ -1,0 +1,1 @@
+"""Images whose detections are not of the person at their moment."""

@@ -1,0 +1,96 @@
+"""Images whose detections are not of the person at their moment: they repeat the image before, or the detector has gone
+over to somebody else.
+
+Detections that are those of the image before, to the last digit, come from an image that came again, or from a tracker
+that holds what it has lost. They tell where a joint was, and look like the best of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.estimation.evidence.image_checks.followed import FollowedViews, views_gone_over
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
+
+# On such a grid joints that stand still come again by chance. Networks give more digits.
+_GRID_PX = 0.25
+_MOST = 0.5  # of the detections of an image that is new
+
+
+def checked(observations: Observations, rig: CameraRig) -> Observations:
+    """A recording without detections that are not of the person at their moment."""
+    points_px = observations.points2d_px
+    repeated = np.zeros(observations.confidence.shape, dtype=bool)
+    repeated[1:] = _repeated(points_px[1:], points_px[:-1], np.zeros(observations.n_cameras, dtype=bool))[0]
+    new = observations.without(repeated)
+    return _without_views(new, views_gone_over(new, rig))
+
+
+@dataclass(frozen=True, eq=False)
+class ImageChecks:
+    """The same, image by image: what the next images are compared with."""
+
+    before_px: Float[np.ndarray, "camera joint 2"]
+    """The last image of each camera that showed anything."""
+    is_new: Bool[np.ndarray, " camera"]
+    """Whether that was another one than before it."""
+    followed: FollowedViews
+    """By the joints of the body, without hands and face."""
+
+    @staticmethod
+    def none(n_cameras: int, skeleton: Skeleton) -> ImageChecks:
+        """Before the first image."""
+        before_px = np.full((n_cameras, skeleton.n_joints, 2), np.nan)
+        followed = FollowedViews.none(n_cameras, len(skeleton.body))
+        return ImageChecks(before_px, np.zeros(n_cameras, dtype=bool), followed)
+
+    def checked(
+        self, images: Observations, expected_m: Callable[[float], Float[np.ndarray, "joint 3"]], rig: CameraRig
+    ) -> tuple[Observations, ImageChecks]:
+        """The images, some of all cameras, without detections that are not of the person at their moment; and what
+        those after them are compared with.
+
+        Args:
+            images: of one frame.
+            expected_m: where the joints of the body are expected at a time in seconds; NaN where that is not known.
+            rig: the cameras.
+        """
+        repeated, is_new = _repeated(images.points2d_px, self.before_px[None], self.is_new)
+        new, time_s = images.without(repeated), float(images.frame_time_s[0])
+        of_body_px = rig.undistort(new.points2d_px[0][:, list(images.skeleton.body)])
+        followed = self.followed.after(of_body_px, time_s, expected_m(time_s), rig)
+        shows = images.seen[0].any(axis=-1)
+        before_px = np.where(shows[:, None, None], images.points2d_px[0], self.before_px)
+        return _without_views(new, followed.gone_over[None]), ImageChecks(before_px, is_new[0], followed)
+
+
+def _repeated(
+    points_px: Float[np.ndarray, "frame camera joint 2"],
+    before_px: Float[np.ndarray, "frame camera joint 2"],
+    was_new: Bool[np.ndarray, " camera"],
+) -> tuple[Bool[np.ndarray, "frame camera joint"], Bool[np.ndarray, "frame camera"]]:
+    """Which detections come again, and which images are new. None comes again where nothing else in the frame moves, as
+    where detections have no noise and somebody stands still.
+
+    Args:
+        points_px: detections.
+        before_px: those of the image before.
+        was_new: for each camera that has no image in a frame, whether its last one was new.
+    """
+    same = np.asarray((points_px == before_px).all(axis=-1))
+    n_seen = np.isfinite(points_px).all(axis=-1).sum(axis=-1)
+    is_new = np.where(n_seen > 0, same.sum(axis=-1) < _MOST * n_seen, was_new)
+    same &= np.asarray(is_new.any(axis=-1))[:, None, None]
+    in_grid = points_px[same] / _GRID_PX
+    same[same] = (in_grid != np.round(in_grid)).any(axis=-1)
+    return same, is_new
+
+
+def _without_views(observations: Observations, views: Bool[np.ndarray, "frame camera"]) -> Observations:
+    return observations.without(np.broadcast_to(views[..., None], observations.confidence.shape))
