@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -77,14 +78,41 @@ def _other_person(take: Take, rng: np.random.Generator) -> Damaged:
 def _beside(take: Take, rng: np.random.Generator) -> Damaged:
     """Two cameras follow somebody beside the person for a third of the time."""
     cameras, third = rng.choice(take.rig.n_cameras, 2, replace=False), len(take.truth_m) // 3
-    during = slice(third, 2 * third)
+    beside_m = take.truth_m[::-1] + 1.5 * _some_direction(rng)
+    gone_over = np.zeros(take.observations.confidence.shape[:2], dtype=bool)
+    gone_over[third : 2 * third, cameras] = True
+    return _gone_over(take, beside_m, gone_over)
+
+
+def _passes(take: Take, rng: np.random.Generator) -> Damaged:
+    """Two cameras go over for two seconds to somebody who passes the person, each where the two meet in its images."""
+    cameras, middle = rng.choice(take.rig.n_cameras, 2, replace=False), len(take.truth_m) // 2
+    other_m = take.truth_m[::-1]
+    passes_m = (
+        other_m + np.mean(take.truth_m[middle] - other_m[middle], axis=0) * (1, 1, 0) + 0.5 * _some_direction(rng)
+    )
+    apart_px = np.linalg.norm(np.mean(take.rig.project(passes_m) - take.rig.project(take.truth_m), axis=2), axis=-1)
+    gone_over = np.zeros(apart_px.shape, dtype=bool)
+    for c in cameras:
+        meet = middle - int(FPS) + int(np.nanargmin(apart_px[middle - int(FPS) : middle + int(FPS), c]))
+        gone_over[meet : meet + int(2 * FPS), c] = True
+    return _gone_over(take, passes_m, gone_over)
+
+
+def _some_direction(rng: np.random.Generator) -> np.ndarray:
+    """Level."""
     angle = rng.uniform(0, 2 * np.pi)
-    beside = take.film(take.rig, take.truth_m[::-1] + 1.5 * np.array([np.cos(angle), np.sin(angle), 0.0]))
-    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
-    points[during, cameras] = beside.points2d_px[during, cameras]
-    confidence[during, cameras] = beside.confidence[during, cameras]
-    names = tuple(take.rig.names[c] for c in sorted(cameras))
-    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, names, third / FPS)
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def _gone_over(take: Take, other_m: np.ndarray, gone_over: np.ndarray) -> Damaged:
+    """These images show somebody else."""
+    seen, other = take.observations, take.film(take.rig, other_m)
+    points = np.where(gone_over[..., None, None], other.points2d_px, seen.points2d_px)
+    confidence = np.where(gone_over[..., None], other.confidence, seen.confidence)
+    names = tuple(take.rig.names[c] for c in np.flatnonzero(gone_over.any(axis=0)))
+    at_s = float(np.argmax(gone_over.any(axis=1))) / FPS
+    return Damaged(take.rig, with_points(seen, points, confidence), take.truth_m, names, at_s)
 
 
 def _reflection(take: Take, rng: np.random.Generator) -> Damaged:
@@ -92,11 +120,9 @@ def _reflection(take: Take, rng: np.random.Generator) -> Damaged:
     c, n = some_camera(take, rng), len(take.truth_m)
     mirror = take.observations.skeleton.mirror
     reflected_m = (take.truth_m * np.array([1.0, -1.0, 1.0]) + np.array([0.0, 4.0, 0.0]))[:, mirror]
-    seen = take.film(take.rig, reflected_m)
-    taken = np.repeat(rng.random(n // 15 + 1) < 0.5, 15)[:n]
-    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
-    points[taken, c], confidence[taken, c] = seen.points2d_px[taken, c], seen.confidence[taken, c]
-    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, (take.rig.names[c],))
+    taken = np.zeros(take.observations.confidence.shape[:2], dtype=bool)
+    taken[:, c] = np.repeat(rng.random(n // 15 + 1) < 0.5, 15)[:n]
+    return replace(_gone_over(take, reflected_m, taken), at_s=None)
 
 
 def _nobody(take: Take, rng: np.random.Generator) -> Damaged:
@@ -178,14 +204,21 @@ PEOPLE: tuple[Damage, ...] = (
     ),
     Damage(
         "somebody beside for a while, two cameras",
-        (Code.SOMEBODY_ELSE, Code.DISAGREEING_CAMERA),
+        (Code.IDENTITY_SWITCH, Code.DISAGREEING_CAMERA),
         _beside,
         4,
         of_simulated=True,
     ),
     Damage(
+        "somebody passes, two cameras",
+        (Code.IDENTITY_SWITCH, Code.DISAGREEING_CAMERA),
+        _passes,
+        4,
+        of_simulated=True,
+    ),
+    Damage(
         "a reflection now and then, one camera",
-        (Code.OTHER_PERSON, Code.DISAGREEING_CAMERA),
+        (Code.OTHER_PERSON, Code.IDENTITY_SWITCH, Code.DISAGREEING_CAMERA),
         _reflection,
         3,
         of_simulated=True,
