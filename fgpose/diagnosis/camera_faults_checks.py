@@ -31,6 +31,7 @@ _TWICE = 2.0  # a second or two tell turns and moves apart no better
 _LENSES_SHOW_S = 18.0
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
+_SWITCHED_S = 0.5  # a view that goes over is found to have moved so near to that
 
 
 def moved_and_late_cameras(examined: Examined) -> list[Finding]:
@@ -65,8 +66,20 @@ def lenses_that_show(examined: Examined) -> list[Finding]:
 
 
 def _with_elsewhere(examined: Examined, findings: list[Finding]) -> list[Finding]:
+    findings = [each for each in findings if not _is_of_switch(each, examined)]
     explained = examined.rig.names if any(not each.camera for each in findings) else [each.camera for each in findings]
     return [*findings, *seen_elsewhere(examined, explained)]
+
+
+def _is_of_switch(finding: Finding, examined: Examined) -> bool:
+    """Whether a camera is said to have been moved when some view went over to somebody else or came back: views that
+    follow somebody else make others look moved. Who was moved does not show the person again where the rig says."""
+    if finding.code is not Code.BUMPED_CAMERA or finding.from_s is None:
+        return False
+    seen, camera = examined.main, examined.rig.names.index(finding.camera)
+    then = np.abs(seen.frame_time_s - finding.from_s) <= _SWITCHED_S
+    shows = np.flatnonzero(seen.seen[:, camera].any(axis=1))
+    return bool(examined.gone_over[then].any() and not examined.gone_over[shows[-1:], camera].any())
 
 
 def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:

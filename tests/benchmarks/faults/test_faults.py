@@ -11,9 +11,10 @@ import pytest
 
 from fgpose.cli import main
 from fgpose.diagnosis.diagnose import diagnose
-from fgpose.finding import Severity
+from fgpose.finding import Code, Severity
 from fgpose_benchmarks.faults.benchmark import DAMAGES, find_damages, run
 from fgpose_benchmarks.faults.damage import Damage, Damaged
+from fgpose_benchmarks.faults.in_time import bumped
 from fgpose_benchmarks.faults.outcome import UNDAMAGED, DamageOutcome, outcome_of
 from fgpose_benchmarks.faults.real import real_takes
 from fgpose_benchmarks.faults.report import write_report
@@ -59,6 +60,19 @@ def test_the_cause_of_a_damage_is_named_first(damage: Damage) -> None:
     assert findings, "nothing is said"
     assert findings[0].code in damage.codes, [each.text for each in findings]
     assert not given.cameras or not findings[0].camera or findings[0].camera in given.cameras
+
+
+@pytest.mark.slow
+def test_views_that_follow_somebody_else_do_not_make_others_look_moved() -> None:
+    """On this clip a third camera was said to be moved by 8 degrees; one that was moved by as much still is."""
+    take = next(take for take in takes(CLIPS[3:4]) if take.rig_name == "4 cameras")
+    (beside,) = find_damages(["somebody beside for a while, two cameras"])
+    given = beside.inflict(take, np.random.default_rng(1))
+    findings = diagnose(given.observations, given.rig).findings
+    assert [(each.code, each.camera) for each in findings] == [(Code.IDENTITY_SWITCH, name) for name in given.cameras]
+    given = bumped(8.0)(take, np.random.default_rng(1))
+    findings = diagnose(given.observations, given.rig).findings
+    assert [(each.code, each.camera) for each in findings] == [(Code.BUMPED_CAMERA, given.cameras[0])]
 
 
 @pytest.mark.slow
