@@ -72,14 +72,16 @@ def _with_elsewhere(examined: Examined, findings: list[Finding]) -> list[Finding
 
 
 def _is_of_switch(finding: Finding, examined: Examined) -> bool:
-    """Whether a camera is said to have been moved when some view went over to somebody else or came back: views that
-    follow somebody else make others look moved. Who was moved does not show the person again where the rig says."""
+    """Whether a camera is said to have been moved when another view went over to somebody else or came back: views that
+    follow somebody else make others look moved. What was moved does not show the person where the rig says in the end.
+    """
     if finding.code is not Code.BUMPED_CAMERA or finding.from_s is None:
         return False
     seen, camera = examined.main, examined.rig.names.index(finding.camera)
     then = np.abs(seen.frame_time_s - finding.from_s) <= _SWITCHED_S
     shows = np.flatnonzero(seen.seen[:, camera].any(axis=1))
-    return bool(examined.gone_over[then].any() and not examined.gone_over[shows[-1:], camera].any())
+    others = np.delete(examined.gone_over, camera, axis=1)
+    return bool(others[then].any() and not examined.gone_over[shows[-1:], camera].any())
 
 
 def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:

@@ -45,6 +45,7 @@ def test_what_is_wrong_of_a_camera_is_told_of_people_too() -> None:
     assert Code.BLIND_CAMERA not in {each.code for each in found}
 
 
+@pytest.mark.slow
 def test_cameras_in_which_people_are_followed_and_bystanders() -> None:
     """Who is before one camera only explains nothing."""
     rig = two_walkers().rig

@@ -170,7 +170,8 @@ def test_one_image_at_a_time(walking_scene: Scene) -> None:
     """The other views are where they were going."""
     (seen, away), rig = passed(walking_scene, [0, 1]), walking_scene.rig
     estimator = fgpose.Estimator(rig, seen.skeleton)
-    for number, points_px in enumerate(seen.points2d_px):
+    for number in range(PASSED_FROM - 10, PASSED_FROM + 25):
+        points_px = seen.points2d_px[number]
         images = [(name, number / 30 + 0.004 * c, points_px[c]) for c, name in enumerate(rig.names)]
         newest_m = [estimator.update_camera(*image).positions_m for image in images][-1]
         if away[number].any():
