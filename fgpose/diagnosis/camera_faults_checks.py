@@ -31,7 +31,7 @@ _TWICE = 2.0  # a second or two tell turns and moves apart no better
 _LENSES_SHOW_S = 18.0
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
-_SWITCHED_S = 0.5  # a view that goes over is found to have moved so near to that
+_NEAR_SWITCH_S = 0.5  # a view that goes over is found to have moved so near to that
 
 
 def moved_and_late_cameras(examined: Examined) -> list[Finding]:
@@ -78,7 +78,7 @@ def _is_of_switch(finding: Finding, examined: Examined) -> bool:
     if finding.code is not Code.BUMPED_CAMERA or finding.from_s is None:
         return False
     seen, camera = examined.main, examined.rig.names.index(finding.camera)
-    then = np.abs(seen.frame_time_s - finding.from_s) <= _SWITCHED_S
+    then = np.abs(seen.frame_time_s - finding.from_s) <= _NEAR_SWITCH_S
     shows = np.flatnonzero(seen.seen[:, camera].any(axis=1))
     others = np.delete(examined.gone_over, camera, axis=1)
     return bool(others[then].any() and not examined.gone_over[shows[-1:], camera].any())

@@ -86,7 +86,7 @@ def _beside(take: Take, rng: np.random.Generator) -> Damaged:
 
 def _passes(take: Take, rng: np.random.Generator) -> Damaged:
     """Two cameras go over for two seconds to somebody who passes the person, each where the two meet in its images."""
-    cameras, middle = rng.choice(take.rig.n_cameras, 2, replace=False), len(take.truth_m) // 2
+    cameras, middle, second = rng.choice(take.rig.n_cameras, 2, replace=False), len(take.truth_m) // 2, int(FPS)
     other_m = take.truth_m[::-1]
     passes_m = (
         other_m + np.mean(take.truth_m[middle] - other_m[middle], axis=0) * (1, 1, 0) + 0.5 * _some_direction(rng)
@@ -94,8 +94,8 @@ def _passes(take: Take, rng: np.random.Generator) -> Damaged:
     apart_px = np.linalg.norm(np.mean(take.rig.project(passes_m) - take.rig.project(take.truth_m), axis=2), axis=-1)
     gone_over = np.zeros(apart_px.shape, dtype=bool)
     for c in cameras:
-        meet = middle - int(FPS) + int(np.nanargmin(apart_px[middle - int(FPS) : middle + int(FPS), c]))
-        gone_over[meet : meet + int(2 * FPS), c] = True
+        meet = middle - second + int(np.nanargmin(apart_px[middle - second : middle + second, c]))
+        gone_over[meet : meet + 2 * second, c] = True
     return _gone_over(take, passes_m, gone_over)
 
 

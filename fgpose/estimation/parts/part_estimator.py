@@ -114,7 +114,7 @@ class PartEstimator:
             return np.full((self.skeleton.n_joints, 3), np.nan)
         newest = self._window[-1]
         passed_s = float(np.clip(time_s - newest.at.time_s, 0.0, _GOES_ON_S))
-        return np.where(newest.active[:, None], newest.positions_m + newest.velocities_mps * passed_s, np.nan)
+        return np.where(newest.active[:, None], newest.carried_on_m(passed_s), np.nan)
 
     def know(self, lengths: BoneLengths) -> None:
         """See Estimator."""

@@ -19,7 +19,7 @@ from fgpose.estimation.evidence.image_checks.moving_body import MovingBody
 from fgpose.estimation.evidence.image_checks.recent_images import RECENT_S, RecentImages
 from fgpose.estimation.evidence.plausibility import known_medians
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.triangulation import parallax_rad, triangulate_robust
 from fgpose.observations import Observations
 from fgpose.sampling import parts_of
 
@@ -32,7 +32,7 @@ _OFF, _ELSEWHERE = 0.5, 0.9
 _FASTEST_MPS = 12.0  # nobody is so fast
 _MEET_S = 0.5  # people who meet in an image have passed each other
 _TELL, _KNOWN_S = 2, 1.0  # so many views tell where somebody is, and for so long it is known
-_ACROSS = 0.01  # squared sine between rays that tell how far away somebody is
+_APART_RAD = np.deg2rad(8.11)  # between rays that tell how far away somebody is
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +81,8 @@ class FollowedViews:
         follows = ~self.gone_over & (np.where(shows, time_s, self.recent.newest_s) >= time_s - RECENT_S)
         line_px = self.recent.expected_px(time_s)
         breaks, usual_m = self._breaks(points_px, line_px, time_s, known_m, follows, rig)
+        unseen_s = time_s - self.recent.newest_s
+        breaks |= shows & (unseen_s > RECENT_S) & np.isfinite(unseen_s)
         suspect_s = np.where(breaks, time_s, self.suspect_s)
         trusted = follows & (time_s - suspect_s > _MEET_S)
         is_tie = np.count_nonzero(trusted) < _TELL
@@ -116,18 +118,17 @@ class FollowedViews:
         follows: Bool[np.ndarray, " camera"],
         rig: CameraRig,
     ) -> tuple[Bool[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
-        """In which views the whole body leaves its line, or is seen again; and how far it usually leaves it. Where it
-        does so in most of them, it is the person who does."""
+        """In which views the whole body leaves its line, and how far it usually leaves it. Where it does so in most of
+        them, it is the person who does."""
         known_m = np.where(np.isnan(known_m), self.body.at(time_s), known_m)
         left_m = known_medians((points_px - line_px) / rig.px_per_m(known_m)[..., None])
         break_m = np.linalg.norm(left_m, axis=-1)
         breaks = break_m > np.maximum(_BREAK_M, _TIMES_USUAL * self.usual_m)
         breaks &= 2 * np.count_nonzero(breaks & follows) <= np.count_nonzero(follows)
-        passed_s = time_s - self.recent.newest_s
-        comes_again = _any_joint(points_px) & np.isfinite(passed_s) & (passed_s > RECENT_S)
-        share = np.where(np.isfinite(break_m), -np.expm1(-np.clip(passed_s, 0.0, RECENT_S) / _USUAL_S), 0.0)
+        passed_s = np.clip(time_s - self.recent.newest_s, 0.0, RECENT_S)
+        share = np.where(np.isfinite(break_m), -np.expm1(-passed_s / _USUAL_S), 0.0)
         usual_m = self.usual_m + share * (np.minimum(np.nan_to_num(break_m), _OFF_M) - self.usual_m)
-        return breaks | comes_again, usual_m
+        return breaks, usual_m
 
     def _located_m(
         self, points_px: Float[np.ndarray, "camera joint 2"], time_s: float, rig: CameraRig
@@ -139,12 +140,10 @@ class FollowedViews:
         located_m = triangulate_robust(points_px, np.isfinite(points_px[..., 0]).astype(float), rig).positions_m
         if 2 * np.count_nonzero(np.isfinite(located_m[:, 0])) < len(located_m):
             return nowhere_m
-        rays = rig.positions_m[views] - known_medians(located_m[None])
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-        across = np.linalg.eigvalsh(len(rays) * np.eye(3) - rays.T @ rays)[0]
+        apart_rad = parallax_rad(known_medians(located_m[None])[0], views, rig)
         moved_m = np.linalg.norm(known_medians((located_m - self.body.at(time_s))[None]))
         is_too_far = moved_m > _AWAY_M + _FASTEST_MPS * (time_s - self.body.time_s)
-        return nowhere_m if across < _ACROSS or is_too_far else located_m
+        return nowhere_m if apart_rad < _APART_RAD or is_too_far else located_m
 
 
 def views_gone_over(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera"]:
