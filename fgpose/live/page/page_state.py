@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.up_axis import UpAxis
+from fgpose.geometry.up_axis import UpAxis, nearest_axis
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.link_distance import LinkDistance
 from fgpose.skeleton import Skeleton
@@ -172,9 +172,10 @@ class PageState:
 
 def _from_above(up: UpAxis) -> Float[np.ndarray, "2 3"]:
     """The two axes of the world that lie on the floor, right and up as one looks down."""
-    number = "xyz".index(up[1])
+    sign, axis = nearest_axis(up)
+    number = "xyz".index(axis)
     first, second = np.eye(3)[(number + 1) % 3], np.eye(3)[(number + 2) % 3]
-    return np.stack([first, second] if up[0] == "+" else [second, first])
+    return np.stack([first, second] if sign == "+" else [second, first])
 
 
 def _status(frame: LiveFrame | None, name: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import rerun as rr
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.up_axis import UpAxis
+from fgpose.geometry.up_axis import UpAxis, nearest_axis
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 from fgpose.viewer.rerun import palette, paths
@@ -46,8 +46,9 @@ def log_cameras(
 ) -> None:
     """The world and the cameras in it, each in its colour, ready for their pictures and detections; around_m as of
     viewing_target_m."""
-    sign = "UP" if up[0] == "+" else "DOWN"
-    stream.log(paths.WORLD, getattr(rr.ViewCoordinates, f"RIGHT_HAND_{up[1].upper()}_{sign}"), static=True)
+    sign, axis = nearest_axis(up)
+    view = getattr(rr.ViewCoordinates, f"RIGHT_HAND_{axis.upper()}_{'UP' if sign == '+' else 'DOWN'}")
+    stream.log(paths.WORLD, view, static=True)
     for camera, colour in zip(rig.cameras, colours, strict=True):
         _log_camera(stream, camera, colour, frustum_m(rig, around_m))
     log_camera_names(stream, rig, rig.names, colours)

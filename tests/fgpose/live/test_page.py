@@ -311,13 +311,13 @@ def test_what_is_not_a_number_is_null(state: PageState, rig: CameraRig, skeleton
 def test_from_above_right_is_right(rig: CameraRig, skeleton: Skeleton) -> None:
     at_m = np.array([1.0, 2.0, 3.0])
     found = {}
-    for up in ("+x", "-x", "+y", "-y", "+z", "-z"):
+    for up in ("+x", "-x", "+y", "-y", "+z", "-z", "y"):
         state = PageState(rig, skeleton, up)
         state.add(live_frame(skeleton, [live_person(np.tile(at_m, (skeleton.n_joints, 1)))], NOW_S))
         found[up] = shown(state)["people"][0]["at_m"]
     # Right x ahead = up, as one looks down.
     assert found == {
-        "+x": [2.0, 3.0], "-x": [3.0, 2.0], "+y": [3.0, 1.0], "-y": [1.0, 3.0], "+z": [1.0, 2.0], "-z": [2.0, 1.0]
+        "+x": [2.0, 3.0], "-x": [3.0, 2.0], "+y": [3.0, 1.0], "y": [3.0, 1.0], "-y": [1.0, 3.0], "+z": [1.0, 2.0], "-z": [2.0, 1.0]
     }  # fmt: skip
 
 

@@ -231,7 +231,9 @@ def test_the_cameras_stand_where_they_see_what_they_see(batch_file: Path, rig: C
         assert static_value(batch_file, f"{path}/image", "Pinhole:resolution") == [640, 480]
 
 
-@pytest.mark.parametrize(("up", "axes"), [("+z", "RIGHT_HAND_Z_UP"), ("-y", "RIGHT_HAND_Y_DOWN")])
+@pytest.mark.parametrize(
+    ("up", "axes"), [("+z", "RIGHT_HAND_Z_UP"), ("z", "RIGHT_HAND_Z_UP"), ("-y", "RIGHT_HAND_Y_DOWN")]
+)
 def test_up_is_where_it_is_said_to_be(tmp_path: Path, rig: CameraRig, up: Any, axes: str) -> None:
     import rerun as rr
 
@@ -327,7 +329,7 @@ def pictures(path: Path, camera: str) -> dict[int, np.ndarray]:
     for frame, (_, blob) in rows(path, f"/world/camera/{camera}/image/picture", "EncodedImage:blob").items():
         file = np.asarray(blob[0], dtype=np.uint8)
         assert file[:3].tolist() == [0xFF, 0xD8, 0xFF]  # how every JPEG file begins
-        found[frame] = cv2.imdecode(file, cv2.IMREAD_COLOR)
+        found[frame] = np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR))
     return found
 
 
