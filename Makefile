@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Checking the shapes of all arguments takes a fifth of the time, so it is left to `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test artifacts slow-tests test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-faults benchmark-quick soak live-soak constraints format clean
+.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test artifacts slow-tests test-matrix check quick-tests lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-faults benchmark-quick soak live-soak constraints format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -39,9 +39,7 @@ demo-live: $(STAMP)
 demo-study: $(STAMP)
 	$(BIN)/fgpose demo --study --output out
 
-# The types take one core for three minutes: meanwhile the tests share the other, and no core waits.
-test: lint
-	$(MAKE) --no-print-directory -j2 types pytest
+test: lint types pytest
 
 # What is made of the code: the documentation, the errors of the quick benchmark, the wheel in a clean environment.
 artifacts: $(STAMP)
@@ -63,13 +61,8 @@ docs: $(STAMP)
 pictures: $(STAMP)
 	for picture in graph occlusion clocks calibration uncertainty notebook; do $(BIN)/python docs/pictures/$$picture.py || exit 1; done
 
-# While working: `make test` without the slow tests, the network and the checks of shapes; the types of the library are
-# checked meanwhile.
-check: lint
-	$(MAKE) --no-print-directory -j2 quick-types quick-tests
-
-quick-types: $(STAMP)
-	$(BIN)/basedpyright --level error fgpose factors benchmarks
+# While working: `make test` without the slow tests, the network and the checks of shapes.
+check: lint types quick-tests
 
 quick-tests: $(STAMP)
 	$(PYTEST) -m "not slow and not network" $(UNCHECKED)
@@ -79,7 +72,7 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 
 types: $(STAMP)
-	$(BIN)/basedpyright --level error
+	$(BIN)/pyrefly check --min-severity error --output-format min-text --progress-bar no
 
 pytest: $(STAMP)
 	$(PYTEST) -m "not slow" --durations=10

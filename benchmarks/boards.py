@@ -120,7 +120,7 @@ def measure(n_cameras: int, seeds: Sequence[int], model: str, python: Path | Non
     cpu_s: dict[str, list[float]] = {"fgpose": [], "aniposelib": []}
     claims, bounds = [], []
     for seed in seeds:
-        scene = simulate_boards(n_cameras, seed, noise_px=NOISE_PX, model=model)  # pyright: ignore[reportArgumentType]
+        scene = simulate_boards(n_cameras, seed, noise_px=NOISE_PX, model=model)  # pyrefly: ignore[bad-argument-type]
         start = time.process_time()
         result = calibrate_from_boards(scene.sightings)
         cpu_s["fgpose"].append(time.process_time() - start)

@@ -79,8 +79,8 @@ class DistanceResult:
 
     def add(self, other: DistanceResult) -> None:
         """What was simulated elsewhere."""
-        for name, value in asdict(other).items():
-            own = getattr(self, name)
+        for name in asdict(other):
+            own, value = getattr(self, name), getattr(other, name)
             if name == "worst":
                 own.update({trouble: max(over_m, own.get(trouble, -math.inf)) for trouble, over_m in value.items()})
             elif isinstance(value, dict):

@@ -127,7 +127,7 @@ class LiveSoak:
                 self.feed.add(trouble.fault)
         with warnings.catch_warnings():
             warnings.simplefilter("always")
-            warnings.showwarning = self._warned
+            warnings.showwarning = self._warned  # pyrefly: ignore[bad-assignment]
             self.system.run(START_S + 60.0 * (minute + 1))
         return self.outcome
 

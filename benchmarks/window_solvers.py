@@ -71,9 +71,9 @@ class _Given:
     rig: fgpose.CameraRig
     config: fgpose.Config
 
-    def online(self, solver: str, lag_s: float) -> Estimator:
-        config = replace(self.config, online={"solver": solver, "lag_s": lag_s})
-        return Estimator(self.rig, self.observations.skeleton, config)
+    def online(self, solver: Literal["isam2", "window"], lag_s: float) -> Estimator:
+        online = replace(self.config.online, solver=solver, lag_s=lag_s)
+        return Estimator(self.rig, self.observations.skeleton, replace(self.config, online=online))
 
     @cached_property
     def batch(self) -> fgpose.Trajectory:

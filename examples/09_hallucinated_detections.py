@@ -9,7 +9,7 @@ Needs fgpose-benchmarks. Makes a figure of the documentation:
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tyro
@@ -33,8 +33,8 @@ def draw_camera(
     hallucinated: Bool[np.ndarray, " frame"],
 ) -> None:
     """Residual against the left axis, probability against the right one."""
-    shade = {"where": hallucinated, "step": "mid", "color": PALE, "linewidth": 0, "label": "truth: hallucinated"}
-    axes.fill_between(time_s, 0, TOP_PX, **shade)
+    shade: dict[str, Any] = {"color": PALE, "linewidth": 0, "label": "truth: hallucinated"}
+    axes.fill_between(time_s, 0, TOP_PX, where=hallucinated, step="mid", **shade)
     axes.plot(time_s, residual_px, color=GREY, linewidth=1.0, label="residual (left)")
     axes.plot(time_s, 100 * probability, color=BLUE, linewidth=1.8, label="posterior of visible (right)")
     axes.set_ylim(0, TOP_PX)

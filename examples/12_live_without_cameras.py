@@ -141,7 +141,7 @@ def main(duration_s: float = 6.0, rrd: Path | None = None) -> None:
     scene, config = film(duration_s), fgpose.Config()
     skeleton = scene.observations.skeleton
     tracking = LiveTracking(scene.rig, skeleton, config, volume_points_m(scene.rig))
-    viewers = [] if rrd is None else [ViewerOutput(rrd, scene.rig, skeleton)]
+    viewers: list[ViewerOutput] = [] if rrd is None else [ViewerOutput(rrd, scene.rig, skeleton)]
     clock = Clock()
     feed = SimulatedCameras(scene, clock, fails_s=2 / 3 * duration_s)
     truth = Truth(scene, feed.begin_s)

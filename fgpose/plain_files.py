@@ -85,7 +85,7 @@ def naming(name: object, instead_of: str = "", damage: Sequence[type[Exception]]
         raise
     except RecursionError:
         raise ValueError(f"{name}: it is nested too deeply") from None
-    except (OSError, ValueError, *damage) as error:
+    except (OSError, ValueError, *damage) as error:  # pyrefly: ignore[not-a-type]
         # Libraries have OSErrors of their own for damage; of those of the system only opening says which file it was.
         if isinstance(error, OSError) and (error.errno is not None or OSError not in damage):
             if error.errno is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -168,8 +168,8 @@ class Trajectory(Motion):
             camera_names=camera_names,
             config=config,
             implausible_frames=tuple(t for t, estimate in enumerate(frames) if estimate.is_implausible),
-            bone_lengths_m=lengths and lengths.lengths_m,
-            bone_length_sigma_m=lengths and lengths.sigma_m,
+            bone_lengths_m=None if lengths is None else lengths.lengths_m,
+            bone_length_sigma_m=None if lengths is None else lengths.sigma_m,
             other_bone=next((each.other_bone for each in frames if each.other_bone is not None), None),
         )
 
@@ -193,7 +193,7 @@ class Trajectory(Motion):
             at = backward[0]
             raise ValueError(f"time must increase: a frame at {time_s[at + 1]:.6g} s follows one at {time_s[at]:.6g} s")
 
-        def joined(name: str) -> np.ndarray | None:
+        def joined(name: str) -> Any:  # an array, or None
             arrays = [getattr(part, name) for part in parts]
             return None if any(array is None for array in arrays) else np.concatenate(arrays)
 

@@ -73,4 +73,4 @@ def _jaxtyped(fn: Any = None, **options: Any) -> Any:
     return _check_every_call(fn, **options) if fn is not None else _check_every_call(**options)
 
 
-jaxtyping.jaxtyped = _jaxtyped  # pyright: ignore[reportAttributeAccessIssue]
+jaxtyping.jaxtyped = _jaxtyped

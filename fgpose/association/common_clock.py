@@ -92,8 +92,8 @@ def _everybody(people: Recording, rig: CameraRig) -> PeopleObservations:
 def _as_given(people: Recording, everybody: PeopleObservations) -> Recording:
     """Everybody, or the one person, as the recording was given."""
     if isinstance(people, PeopleObservations):
-        return everybody
-    return everybody.of_person(everybody.only())
+        return everybody  # pyrefly: ignore[bad-return]
+    return everybody.of_person(everybody.only())  # pyrefly: ignore[bad-return]
 
 
 def _without_empty_images(people: PeopleObservations) -> Iterator[Detections]:

@@ -17,7 +17,7 @@ Recording = TypeVar("Recording", Observations, PeopleObservations)
 def moved_with_cameras(observations: Recording, before: CameraRig, after: CameraRig) -> Recording:
     """The views' own 3D joints, of one person or of everybody, moved with their cameras."""
     if isinstance(observations, PeopleObservations):
-        return _everybody_moved(observations, before, after)
+        return _everybody_moved(observations, before, after)  # pyrefly: ignore[bad-return]
     points3d_m, covariance_m2 = observations.points3d_m, observations.covariance3d_m2
     if points3d_m is None:
         return observations

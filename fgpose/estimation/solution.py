@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -117,7 +118,8 @@ def _arrays(solution: Solution) -> dict[str, np.ndarray]:
 def _solution(arrays: dict[str, np.ndarray]) -> Solution:
     converged, iterations, *errors = arrays.pop(_OF_CONVERGENCE).tolist()
     convergence = Convergence(bool(converged), int(iterations), *errors)
-    return Solution(**{"covariance_m2": None, **arrays, "convergence": convergence})
+    values: dict[str, Any] = {"covariance_m2": None, **arrays, "convergence": convergence}
+    return Solution(**values)
 
 
 def _digest(recording: Recording) -> str:

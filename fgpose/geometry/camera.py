@@ -156,12 +156,12 @@ class Camera:
         return flat.reshape(undistorted_px.shape)
 
     @cached_property
-    def gtsam_intrinsics(self) -> gtsam.Cal3_S2:
+    def gtsam_intrinsics(self) -> gtsam.Cal3_S2:  # pyrefly: ignore[not-a-type]
         """The intrinsics of the undistorted image as GTSAM's native factors take them."""
         return gtsam.Cal3_S2(self.K[0, 0], self.K[1, 1], 0.0, self.K[0, 2], self.K[1, 2])
 
     @cached_property
-    def gtsam(self) -> gtsam.PinholeCameraCal3_S2:
+    def gtsam(self) -> gtsam.PinholeCameraCal3_S2:  # pyrefly: ignore[not-a-type]
         """The undistorted camera as GTSAM's native factors take it."""
         return gtsam.PinholeCameraCal3_S2(gtsam.Pose3(self.world_T_camera), self.gtsam_intrinsics)
 

@@ -70,7 +70,7 @@ def _across(positions_m: Float[np.ndarray, "joint 3"], before: Float[np.ndarray,
 def _pose(in_px: Float[np.ndarray, "joint 2"], trajectory: Trajectory) -> str:
     skeleton = trajectory.skeleton
     side = {joint: colour for pair in skeleton.left_right for joint, colour in zip(pair, (LEFT, RIGHT), strict=True)}
-    known: list[bool] = np.isfinite(in_px).all(axis=1).tolist()  # pyright: ignore[reportAssignmentType]
+    known = np.asarray(np.isfinite(in_px).all(axis=1))
     lines = [
         f'<path d="M{in_px[a, 0]:.1f} {in_px[a, 1]:.1f}L{in_px[b, 0]:.1f} {in_px[b, 1]:.1f}" '
         f'stroke="{side.get(b, side.get(a, MIDDLE))}"/>'

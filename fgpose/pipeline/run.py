@@ -54,7 +54,7 @@ def run_smooth(
         unfinished: see fgpose.smooth.
     """
     if isinstance(source.observations, PeopleObservations):
-        known = source.succession and source.succession.association
+        known = None if source.succession is None else source.succession.association
         if known is not None:
             # The cameras may have been calibrated since.
             rig = source.rig.subset(source.observations.camera_names)

@@ -73,7 +73,7 @@ def people(page: Page) -> dict[str, bool]:
 
 def _jinja2() -> Any:
     try:
-        import bokeh  # noqa: F401  # pyright: ignore[reportUnusedImport]
+        import bokeh  # noqa: F401
         import jinja2
     except ImportError:
         raise ImportError("a report needs Bokeh: pip install 'fgpose[report]'") from None

@@ -114,7 +114,7 @@ def decode_distances(body: bytes) -> tuple[LinkDistance, ...]:
         raise ValueError(f"not a message of {DISTANCES_FORMAT}, version {VERSION}")
     try:
         return tuple(
-            LinkDistance(**{**link, "fault": None if link["fault"] is None else DistanceFault(**link["fault"])})
+            LinkDistance(**(link | {"fault": None if link["fault"] is None else DistanceFault(**link["fault"])}))
             for link in document["links"]
         )
     except (TypeError, KeyError) as error:

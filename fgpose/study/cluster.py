@@ -138,7 +138,7 @@ def _connected(address: str) -> Client:
 
     try:
         return Client(address, timeout=f"{_ANSWERS_WITHIN_S:g}s")
-    except (OSError, TimeoutError, ValueError) as error:
+    except (OSError, ValueError) as error:
         raise OSError(
             f"no scheduler answers at {address} within {_ANSWERS_WITHIN_S:g} s ({' '.join(str(error).split())}); "
             "`dask scheduler` starts one, and prints its address"

@@ -153,7 +153,7 @@ def recalibrate(job: Job) -> None:
         save_people_observations(after.observations, job.path(SEEN))
     else:
         save_observations(after.observations, job.path(SEEN))
-    save_rig(after.rig, job.path(CALIBRATION), origin=after.origin and after.origin.calibration)
+    save_rig(after.rig, job.path(CALIBRATION), origin=None if after.origin is None else after.origin.calibration)
 
 
 def _from_keypoints(job: Job) -> CalibratedFromPeople:
@@ -262,7 +262,7 @@ def _with_up(job: Job) -> tuple[dict[int, Trajectory], WorldUp]:
     """Everybody, and what is up in their world."""
     path = job.path(MOTION)
     people, origin = load_people_trajectories(path), load_origin(path)
-    return people, resolved_up(people.values(), job.study.steps.world_up, path, origin and origin.rig)
+    return people, resolved_up(people.values(), job.study.steps.world_up, path, None if origin is None else origin.rig)
 
 
 def judge(job: Job) -> None:

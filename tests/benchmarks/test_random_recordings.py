@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,7 +75,7 @@ def test_without_anything_wrong_detections_are_off_by_their_deviation_alone() ->
 
 
 @pytest.mark.parametrize("changes", [{"turned_deg": 0.3}, {"moved_m": 0.015}, {"zoomed": 0.015}], ids=str)
-def test_a_rig_is_wrong_about_a_mean_that_is_right(changes: dict[str, float]) -> None:
+def test_a_rig_is_wrong_about_a_mean_that_is_right(changes: dict[str, Any]) -> None:
     recording = record(replace(SIMPLE, **changes))
     true, believed = recording.true_rig, recording.rig
     off_px = believed.project(recording.truth_m) - true.project(recording.truth_m)

@@ -77,7 +77,7 @@ def trajectory(observations: fgpose.Observations) -> fgpose.Trajectory:
 
 
 def header(path: Path) -> list[str]:
-    return pq.read_schema(path).names if path.suffix == ".parquet" else list(pd.read_csv(path, nrows=0))
+    return pq.read_schema(path).names if path.suffix == ".parquet" else list(map(str, pd.read_csv(path, nrows=0)))
 
 
 @pytest.mark.parametrize("extension", [".parquet", ".csv"])

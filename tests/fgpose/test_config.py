@@ -41,7 +41,7 @@ def test_every_value_survives_the_way_through_toml(tmp_path: Path) -> None:
 
 def test_the_configuration_is_frozen() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
-        Config().projection.sigma_px = 1.0  # pyright: ignore[reportAttributeAccessIssue]
+        Config().projection.sigma_px = 1.0  # pyrefly: ignore[read-only]
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,8 +32,8 @@ def trajectory() -> Trajectory:
     return Trajectory(STICK, np.arange(3) / 50, np.zeros((3, 2, 3)), np.full((3, 2), Status.OBSERVED))
 
 
-def outputs(folder: Path, step: str, formats: tuple[str, ...] = FORMATS, **options: object) -> Outputs:
-    return Outputs(folder, "walk", formats, step=step, **options)  # pyright: ignore[reportArgumentType]
+def outputs(folder: Path, step: str, formats: tuple[str, ...] = FORMATS, **options: Any) -> Outputs:
+    return Outputs(folder, "walk", formats, step=step, **options)  # pyrefly: ignore[bad-argument-type]
 
 
 def write_result(path: Path, origin: Origin = SMOOTHED) -> None:

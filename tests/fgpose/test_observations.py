@@ -232,7 +232,7 @@ def test_a_covariance_goes_with_its_points(parts: dict[str, Any]) -> None:
 def test_some_frames_by_time(parts: dict[str, Any]) -> None:
     own_clocks = np.arange(FRAMES)[:, None] / 50 + np.array([-0.001, 0.0, 0.001])
     for time_s in (parts["time_s"], own_clocks):
-        observations = Observations(**{**parts, "time_s": time_s})
+        observations = Observations(**(parts | {"time_s": time_s}))
         cropped = observations.crop(1 / 50, 3 / 50)
         assert cropped.n_frames == 3
         np.testing.assert_array_equal(cropped.confidence, observations.confidence[1:4])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ BONES = [(0, 1), (2, 3), (2, 4)]
 HAND = BodyPart("left_hand", (2, 3, 4), (1, 2), relative_sigma=0.33)
 
 
-def with_part(**changes: object) -> Skeleton:
+def with_part(**changes: Any) -> Skeleton:
     return Skeleton("one_hand", NAMES, BONES, 0, parts=[dataclasses.replace(HAND, **changes)])
 
 

@@ -80,7 +80,7 @@ def test_a_result_cannot_be_changed(parts: dict[str, Any]) -> None:
 
 def test_some_frames_by_slice_and_by_time(parts: dict[str, Any], skeleton: Skeleton) -> None:
     positions_m = np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)
-    trajectory = Trajectory(**{**parts, "positions_m": positions_m}, implausible_frames=(2,))
+    trajectory = Trajectory(**(parts | {"positions_m": positions_m}), implausible_frames=(2,))
     np.testing.assert_array_equal(trajectory[1:3].positions_m, positions_m[1:3])
     np.testing.assert_array_equal(trajectory[::2].time_s, [0, 2 / 50])
     cropped = trajectory.crop(1 / 50, 2 / 50)
@@ -94,7 +94,7 @@ def test_some_frames_by_slice_and_by_time(parts: dict[str, Any], skeleton: Skele
 
 def test_several_joints_by_name(parts: dict[str, Any], skeleton: Skeleton) -> None:
     positions_m = np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)
-    trajectory = Trajectory(**{**parts, "positions_m": positions_m})
+    trajectory = Trajectory(**(parts | {"positions_m": positions_m}))
     both = trajectory[["left_wrist", "left_elbow"]]
     assert both.shape == (FRAMES, 2, 3)
     np.testing.assert_array_equal(both[:, 0], trajectory["left_wrist"])
@@ -105,7 +105,7 @@ def test_several_joints_by_name(parts: dict[str, Any], skeleton: Skeleton) -> No
 
 def test_parts_become_the_whole_again(parts: dict[str, Any], skeleton: Skeleton) -> None:
     whole = Trajectory(
-        **{**parts, "positions_m": np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)},
+        **(parts | {"positions_m": np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)}),
         covariance_m2=np.ones((FRAMES, 17, 3, 3)),
         residual_px=np.arange(FRAMES * 34, dtype=float).reshape(FRAMES, 2, 17),
         bone_lengths_m=np.full(skeleton.n_lengths, np.nan),
@@ -143,7 +143,7 @@ def estimate(skeleton: Skeleton, frame: int, **parts: Any) -> Estimate:
 
 def test_joints_by_name(parts: dict[str, Any], skeleton: Skeleton) -> None:
     positions_m = np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)
-    trajectory = Trajectory(**{**parts, "positions_m": positions_m})
+    trajectory = Trajectory(**(parts | {"positions_m": positions_m}))
     wrist = skeleton.joints.index("left_wrist")
     np.testing.assert_array_equal(trajectory["left_wrist"], positions_m[:, wrist])
     newest = Estimate(skeleton, 0, 0.0, positions_m[2], np.zeros(17))

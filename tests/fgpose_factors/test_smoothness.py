@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import gtsam
 import numpy as np
 import pytest
@@ -97,7 +99,7 @@ def test_two_steps_are_one_step_of_the_sum(rng):
 
 def test_smoothness_factors_linearise_as_they_evaluate(rng):
     values = states(*[(rng.normal(size=3), rng.normal(size=3)) for _ in range(2)])
-    factors = [
+    factors: list[Any] = [
         constant_velocity_factor(state(0, 0.0), state(1, 0.04), DENSITY),
         random_walk_factor(x(0), x(1), 0.04, 1.0),
         fading_velocity_factor(v(0), v(1), 0.04, DENSITY, 0.15),

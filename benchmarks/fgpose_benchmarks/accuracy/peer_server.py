@@ -19,7 +19,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from aniposelib.cameras import Camera, CameraGroup  # pyright: ignore[reportMissingImports]
+from aniposelib.cameras import Camera, CameraGroup
 
 _NO_CONFIDENCE = 1e-5
 _Solve = Callable[[], dict[str, np.ndarray]]
@@ -47,8 +47,8 @@ def _triangulation(recording: Any, request: dict[str, Any]) -> _Solve:
 def _smoothing(recording: Any, request: dict[str, Any]) -> _Solve:
     """By ensemble_kalman_smoother_multicam, as somebody uses it who has one network: of an ensemble of one it takes the
     variance of a detection to be one over its confidence. Each call compiles its functions anew, which counts."""
-    from eks.marker_array import MarkerArray  # pyright: ignore[reportMissingImports]
-    from eks.multicam_smoother import ensemble_kalman_smoother_multicam  # pyright: ignore[reportMissingImports]
+    from eks.marker_array import MarkerArray
+    from eks.multicam_smoother import ensemble_kalman_smoother_multicam
 
     markers = MarkerArray(_everywhere(recording)[None], data_fields=["x", "y", "likelihood"])
     _, n_cameras, n_frames, n_joints, _ = markers.shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import arg
 
@@ -63,7 +63,7 @@ class Random:
         seeds = range(self.first, self.first + self.recordings)
         with counting_bar("benchmark", "results", len(seeds) * len(chosen)) as advance:
             cache = self.output / "cache" if self.cache else None
-            scores = run(kind.benchmark, kind.recordings(seeds), chosen, cache, advance, self.workers)
+            scores: list[Any] = run(kind.benchmark, kind.recordings(seeds), chosen, cache, advance, self.workers)
         if not scores:
             raise ValueError("nobody could tell anything from these recordings: choose others (--first, --recordings)")
         save_scores(scores, self.output / _SCORES)

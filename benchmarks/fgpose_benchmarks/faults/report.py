@@ -40,7 +40,7 @@ def write_outcomes(outcomes: Iterable[DamageOutcome], path: Path) -> None:
 def read_outcomes(path: Path) -> list[DamageOutcome]:
     """Those of write_outcomes; raises OSError or ValueError."""
     with naming(path, "not outcomes of faults", damage=(TypeError, KeyError)):
-        return [DamageOutcome(**{**each, "found": tuple(each["found"])}) for each in parse_json(read_content(path))]
+        return [DamageOutcome(**(each | {"found": tuple(each["found"])})) for each in parse_json(read_content(path))]
 
 
 def _order(damage: str) -> int:

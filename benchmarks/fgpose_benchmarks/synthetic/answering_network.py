@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -82,7 +83,7 @@ def as_read(observations: Observations, rig: CameraRig, network: AnsweringNetwor
         cameras.append({frame: _image(found, frame, camera) for frame in range(observations.n_frames)})
     images, _ = placed(cameras, rig, observations.skeleton, 1.0)
     of_camera = [[image for image in images if image.camera == camera.name] for camera in rig.cameras]
-    arrays = {
+    arrays: dict[str, Any] = {
         name: np.stack([np.concatenate([getattr(image, name) for image in each]) for each in of_camera], axis=1)
         for name in NOTHING
     }

@@ -54,4 +54,4 @@ class Factorized:
         from scipy.linalg import cho_solve
 
         unit = np.eye(len(self._factor[0]), self._n_shared)
-        return cho_solve(self._factor, unit, check_finite=False)[: self._n_shared]
+        return np.asarray(cho_solve(self._factor, unit, check_finite=False))[: self._n_shared]

@@ -162,11 +162,9 @@ class BoardProblem:
         return np.concatenate([self.columns.T @ pull[..., :-6].sum(axis=0).ravel(), pull[..., -6:].sum(axis=1).ravel()])
 
     def factorized(self, state: BoardBundle, damping: float) -> _Factorized | None:
-        from scipy.linalg import LinAlgError
-
         try:
             return self.equations(state, damping)
-        except (LinAlgError, np.linalg.LinAlgError):
+        except np.linalg.LinAlgError:
             return None
 
     def equations(self, state: BoardBundle, damping: float = 0.0) -> _Factorized:
@@ -185,7 +183,7 @@ class BoardProblem:
         inverse_boards = np.linalg.inv(boards + damping * np.diag(scale[self.n_shared :][:6]))
         reduced = shared + damping * np.diag(scale[: self.n_shared])
         reduced -= np.einsum("tsa,tra->sr", cross @ inverse_boards, cross, optimize=True)
-        return _Factorized(cho_factor(reduced), cross, inverse_boards)
+        return _Factorized(cho_factor(reduced), cross, inverse_boards)  # pyrefly: ignore[bad-argument-type]
 
     def covariance(self, state: BoardBundle) -> Float[np.ndarray, "camera 19 camera 19"]:
         """Marginal covariance of changes of the cameras; zero for what is held.

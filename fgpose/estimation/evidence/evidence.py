@@ -232,7 +232,7 @@ class Evidence:
             views_m=np.where(known[..., None], points_m, own.views_m),
             rays=np.where(known[..., None], rays, own.rays),
             depth_sigma_m=np.where(known, sigma_m, own.depth_sigma_m),
-            from_bones=known.any(axis=1),
+            from_bones=np.asarray(known.any(axis=1)),
         )
 
     def _with_views(self, n_views: int) -> Evidence:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -130,7 +131,7 @@ def with_image(frame: Observations, image: Observations, of_image: Bool[np.ndarr
     """The frame with the detections of these cameras replaced by those of the image; both have all cameras of the
     rig."""
 
-    def taken(ours: np.ndarray | None, theirs: np.ndarray | None) -> np.ndarray | None:
+    def taken(ours: np.ndarray | None, theirs: np.ndarray | None) -> Any:  # an array, or None
         if ours is None and theirs is None:
             return None
         own = np.nan if ours is None else ours

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -121,7 +121,7 @@ def _carried(
 def _joined(skeleton: Skeleton, found: list[tuple[Sequence[int], Trajectory]], config: Config) -> Trajectory:
     """One trajectory of all: the parts, and the body, which comes last: a joint on which parts hang is the body's."""
     by_frame = ("positions_m", "status", "covariance_m2")
-    arrays = {name: of_all_joints(found, name, skeleton.n_joints, 1) for name in by_frame}
+    arrays: dict[str, Any] = {name: of_all_joints(found, name, skeleton.n_joints, 1) for name in by_frame}
     arrays |= {name: of_all_joints(found, name, skeleton.n_joints, 2) for name in ("residual_px", "visibility")}
     lengths = [
         (each.skeleton, BoneLengths(each.bone_lengths_m, each.bone_length_sigma_m))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -143,7 +144,7 @@ def of_whole_body(skeleton: Skeleton, body: Estimate, parts: Sequence[Estimate])
 
 
 def _joined(found: Sequence[tuple[Sequence[int], Estimate]], skeleton: Skeleton) -> Estimate:
-    arrays = {name: of_all_joints(found, name, skeleton.n_joints, 0) for name in ("positions_m", "status")}
-    arrays["covariance_m2"] = of_all_joints(found, "covariance_m2", skeleton.n_joints, 0)
+    by_joint = ("positions_m", "status", "covariance_m2")
+    arrays: dict[str, Any] = {name: of_all_joints(found, name, skeleton.n_joints, 0) for name in by_joint}
     arrays |= {name: of_all_joints(found, name, skeleton.n_joints, 1) for name in ("residual_px", "visibility")}
     return replace(found[-1][1], skeleton=skeleton, bone_lengths=None, smoothed=None, **arrays)

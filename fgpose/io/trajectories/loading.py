@@ -129,7 +129,7 @@ def load_upright(
         # Such files have axes of their own, to which the world of the cameras was turned.
         return load_people_trajectories(path), z_up_R_world(resolved_up((), world_up, path, rig))
     people, origin = load_people_trajectories(path), load_origin(path)
-    rig = rig or (origin and origin.rig)
+    rig = rig or (None if origin is None else origin.rig)
     if world_up != "auto":
         doubt_given_up(people.values(), world_up, path, rig, option)
     rotation = z_up_R_world(resolved_up(people.values(), world_up, path, rig))

@@ -57,7 +57,9 @@ def read_npz(path: Path) -> Trajectory:
     of_detections = (None, n_cameras, n_joints)
     optional = dict(zip(_ARRAYS, ((None, n_joints, 3, 3), of_detections, of_detections), strict=True))
     shapes |= {name: shape for name, shape in optional.items() if name in archive}
-    arrays = {name: checked(archive, name, "numbers", *shape).astype(float) for name, shape in shapes.items()}
+    arrays: dict[str, Any] = {
+        name: checked(archive, name, "numbers", *shape).astype(float) for name, shape in shapes.items()
+    }
     return Trajectory(status=_status(archive, n_joints), **arrays, **values)
 
 

@@ -82,7 +82,8 @@ def _write(
     if extension == ".csv":
         write_csv(path, result_tables(people, frames))
         return (path,)
-    up = resolved_up(people.values(), world_up, path, origin and origin.rig) if extension in (".trc", ".c3d") else "z"
+    rig = None if origin is None else origin.rig
+    up = resolved_up(people.values(), world_up, path, rig) if extension in (".trc", ".c3d") else "z"
     paths = people_paths(path, people)
     for own_path, trajectory in zip(paths, people.values(), strict=True):
         match extension:

@@ -123,7 +123,7 @@ class _Sender(QueueHandler):
     """Sends what is logged, ready to be pickled."""
 
     def __init__(self, send: Callable[[object], None]) -> None:
-        super().__init__(send)  # pyright: ignore[reportArgumentType]
+        super().__init__(send)  # pyrefly: ignore[bad-argument-type]
         self._send = send
 
     def enqueue(self, record: logging.LogRecord) -> None:

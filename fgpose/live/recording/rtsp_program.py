@@ -11,11 +11,11 @@ import sys
 import time
 from pathlib import Path
 
-import gi  # pyright: ignore[reportMissingImports]
+import gi
 
 gi.require_version("Gst", "1.0")
 gi.require_version("GstRtspServer", "1.0")
-from gi.repository import GLib, Gst, GstRtspServer  # pyright: ignore[reportMissingImports]  # noqa: E402
+from gi.repository import GLib, Gst, GstRtspServer  # noqa: E402
 
 _UNITS = "video/x-h264,stream-format=byte-stream,alignment=au"
 _LOOKS_MS = 2

@@ -138,4 +138,4 @@ def _read_tarball(archive: Path, member: Member) -> bytes | None:
         if member.path not in tarball.getnames():
             return None
         file = tarball.extractfile(member.path)
-        return file and file.read(member.n_bytes + 1)
+        return None if file is None else file.read(member.n_bytes + 1)

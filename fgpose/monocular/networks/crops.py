@@ -55,7 +55,7 @@ class Region:
         self, image: Image, size: int, border: Literal["replicate", "black"] = "replicate"
     ) -> UInt8[np.ndarray, "size size 3"]:
         """What the square shows, size by size pixels, bilinear; border is what lies beyond the image."""
-        return cv2.warpAffine(  # pyright: ignore[reportReturnType]
+        return cv2.warpAffine(
             image, self.crop_T_image(size), (size, size), flags=cv2.INTER_LINEAR, borderMode=_BORDERS[border]
         )
 

@@ -33,7 +33,7 @@ def available_devices() -> tuple[Device, ...]:
     network is opened: its drivers may be missing."""
     import onnxruntime
 
-    providers = onnxruntime.get_available_providers()  # pyright: ignore[reportAttributeAccessIssue]
+    providers = onnxruntime.get_available_providers()
     return tuple(device for device, provider in _PROVIDERS.items() if provider in providers)
 
 

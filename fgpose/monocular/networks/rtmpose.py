@@ -52,7 +52,7 @@ class BoxCrop:
 
         offset = np.divide(self.size, 2) - np.divide(self.center_px, self.scale)
         crop_T_image = np.column_stack([np.eye(2) / self.scale, offset])
-        return cv2.warpAffine(image, crop_T_image, self.size, flags=cv2.INTER_LINEAR)  # pyright: ignore[reportReturnType]
+        return cv2.warpAffine(image, crop_T_image, self.size, flags=cv2.INTER_LINEAR)
 
     def to_image(self, points_crop: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:
         """Pixels of the image of points in the crop."""

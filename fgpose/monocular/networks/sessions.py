@@ -68,7 +68,7 @@ def _opened(path: Path, threads: int, providers: list[str]) -> InferenceSession:
     """A session with the providers that start. Raises ValueError as open_session does."""
     import onnxruntime
 
-    options = onnxruntime.SessionOptions()  # pyright: ignore[reportAttributeAccessIssue]
+    options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     # Threads that wait busily for the next run take the cores from other sessions: two in turn, detector and landmarks

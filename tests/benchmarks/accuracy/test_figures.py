@@ -139,7 +139,7 @@ def test_pictures_without_their_variants_are_left_out(tmp_path, summaries):
 
 def test_lines_go_through_the_means_with_bars_of_their_intervals(summaries):
     axes = drawn(error_against_cameras, summaries).axes[0]
-    ends = {text.get_text(): text.xy for text in axes.texts}  # pyright: ignore[reportAttributeAccessIssue]
+    ends = {text.get_text(): text.xy for text in axes.texts}  # pyrefly: ignore[missing-attribute]
     # Two recordings, the second 20 % harder: the mean is 1.1 times the first, and the interval reaches to both.
     assert ends["fgpose batch"][1] == pytest.approx(14.0 * 2.0 * 1.1)
     means_mm = np.array([14.0, 21.0, 28.0]) * 1.1
@@ -199,7 +199,7 @@ def test_calibration_is_the_mean_and_range_over_the_variants(summaries):
     mean_factor = np.mean(list(FACTORS.values()))
     assert every.get_ydata() == pytest.approx([100 * (0.5 + 0.1 * (mean_factor - 1.0)), 90.0, 99.0])
     assert occluded.get_ydata() == pytest.approx([45.0, 85.0, 97.0])
-    first_bar = panes["oracle"].collections[0].get_segments()[0]  # pyright: ignore[reportAttributeAccessIssue]
+    first_bar = panes["oracle"].collections[0].get_segments()[0]  # pyrefly: ignore[missing-attribute]
     assert first_bar == pytest.approx(np.array([[50.0, 45.0], [50.0, 60.0]]))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from fgpose_benchmarks.comparison.scores import Score
 
-_NUMBERS = {
+_NUMBERS: dict[str, Any] = {
     "relative_mpjpe_mm": 30.0,
     "median_mm": 25.0,
     "p95_mm": 80.0,

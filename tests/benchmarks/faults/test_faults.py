@@ -96,7 +96,7 @@ def test_following_the_advice_mends_lost_frames() -> None:
 
 def test_the_report_counts(tmp_path: Path) -> None:
     def outcome(damage: str, **values: Any) -> DamageOutcome:
-        given = {"said": True, "right": True, "error_mm": 90.0, "found": ("wrong:unit:",)} | values
+        given: dict[str, Any] = {"said": True, "right": True, "error_mm": 90.0, "found": ("wrong:unit:",)} | values
         given |= {"undamaged_mm": 30.0, "undamaged_inside": 0.98, "inside": 0.95}
         return DamageOutcome(damage, "clip", "4 cameras", followed_mm=33.0, attainable_mm=30.0, **given)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -161,9 +162,9 @@ def test_the_pairs_that_are_tried_are_bounded(
 
     supported: list[int] = []
 
-    def count_supported(bodies: founding._Bodies, *others: object) -> founding.Founded:
+    def count_supported(bodies: founding._Bodies, *others: Any) -> founding.Founded:
         supported.append(len(bodies.score))
-        return best_supported(bodies, *others)  # pyright: ignore[reportArgumentType]
+        return best_supported(bodies, *others)
 
     monkeypatch.setattr(founding, "meeting", count_meeting)
     monkeypatch.setattr(founding, "_best_supported", count_supported)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
@@ -21,7 +22,7 @@ def test_observations_of_others_and_exchanged_arguments_are_named(walking_scene:
     check_inputs("smooth", one, rig)
     check_inputs("smooth_people", people, rig, PeopleObservations)
     several = "smooth takes Observations, of one person; PeopleObservations is of several people: use smooth_people"
-    wrong = {
+    wrong: dict[str, Any] = {
         several: ("smooth", people, rig, Observations),
         "smooth takes the observations first, then the rig: smooth(observations, rig)": ("smooth", rig, one),
         "PeopleObservations; Observations is of one person: use smooth, or": (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -76,7 +78,7 @@ def test_only_where_two_detections_are_off_is_there_a_doubt(rig: CameraRig, skel
 def fast(n_cameras: int) -> BenchmarkRecording:
     recording = record(find_variant("fast_4x_30hz"), PUNCHES, 40)
     names = recording.rig.names[:n_cameras]
-    arrays = {"observations": recording.observations.subset(names), "rig": recording.rig.subset(names)}
+    arrays: dict[str, Any] = {"observations": recording.observations.subset(names), "rig": recording.rig.subset(names)}
     return BenchmarkRecording(**{**vars(recording), **arrays})
 
 

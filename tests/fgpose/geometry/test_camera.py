@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import gtsam
@@ -16,7 +16,7 @@ from fgpose.geometry.camera import Camera, CameraRig
 K = np.array([[1145.0, 0, 512.5], [0, 1143.5, 515.4], [0, 0, 1]])
 R = Rotation.from_rotvec([1.3, -0.4, 0.7]).as_matrix()
 T_M = np.array([0.3, -0.2, 4.5])
-LENSES = {
+LENSES: dict[str, tuple[Literal["pinhole", "fisheye"], tuple[float, ...]]] = {
     "none": ("pinhole", ()),
     "pinhole 4": ("pinhole", (-0.2, 0.1, 0.001, -0.002)),
     "pinhole 5": ("pinhole", (-0.21, 0.24, -0.0009, -0.0008, -0.002)),

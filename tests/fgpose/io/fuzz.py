@@ -29,7 +29,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from mutations import mutate
@@ -193,7 +193,9 @@ def _outcome(file_format: Format, case: Path, run: int, seed: int) -> tuple[str,
 def table(tallies: dict[str, Tally]) -> str:
     """One row per format, in Markdown."""
     head = ("format", "files", *OUTCOMES)
-    rows = [[name, tally.counts.total(), *(tally.counts[each] for each in OUTCOMES)] for name, tally in tallies.items()]
+    rows: list[list[Any]] = [
+        [name, tally.counts.total(), *(tally.counts[each] for each in OUTCOMES)] for name, tally in tallies.items()
+    ]
     rows.append(["all", *(sum(row[i] for row in rows) for i in range(1, len(head)))])
     return "\n".join("| " + " | ".join(map(str, row)) + " |" for row in (head, ["---"] * len(head), *rows))
 

@@ -420,10 +420,10 @@ def _text(name: str, content: str) -> Callable[[Path], Any]:
 
 
 def _make_scores(folder: Path) -> None:
-    texts = {"variant": "noise", "clip": "walk", "method": "batch", "group": "ours"}
-    several = {"coverage": (0.5,), "coverage_occluded": (0.5,), "joint_mm": (1.0, 2.0)}
-    numbers = {field.name: 1.0 for field in fields(Score)}
-    save_scores([Score(**{**numbers, **several, **texts})], folder / "scores.json")
+    texts: dict[str, Any] = {"variant": "noise", "clip": "walk", "method": "batch", "group": "ours"}
+    several: dict[str, Any] = {"coverage": (0.5,), "coverage_occluded": (0.5,), "joint_mm": (1.0, 2.0)}
+    numbers: dict[str, Any] = {field.name: 1.0 for field in fields(Score)}
+    save_scores([Score(**(numbers | several | texts))], folder / "scores.json")
 
 
 def _make_used(extension: str) -> Callable[[Path], Any]:

@@ -493,7 +493,7 @@ def test_an_npz_member_of_another_kind_is_named(tmp_path: Path, name: str, array
     save_rig(load_rig(POSE2SIM), path)
     with np.load(path) as archive:
         members = dict(archive)
-    np.savez(path, **{**members, name: array})
+    np.savez(path, **(members | {name: array}))
     with pytest.raises(ValueError, match=rf"rig\.npz: .*{message}"):
         load_rig(path)
 

@@ -74,7 +74,7 @@ def write_openpose(folder: Path, camera: str, frame: int, *people: list[float]) 
 
 def error_of(path: Path, rig: CameraRig, skeleton: Any = STICK, **options: Any) -> str:
     with pytest.raises(ValueError, match=re.escape(path.name)) as error:
-        load_observations(path, rig, skeleton, **{"fps": 10.0, **options})
+        load_observations(path, rig, skeleton, **(dict[str, Any](fps=10.0) | options))
     return str(error.value)
 
 

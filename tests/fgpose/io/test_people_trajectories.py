@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -28,7 +29,7 @@ def between(first: int, end: int, seed: int) -> Trajectory:
     rng, whole = np.random.default_rng(seed), trajectory()
     n_frames = end - first
 
-    def own(array: np.ndarray) -> np.ndarray:
+    def own(array: np.ndarray) -> Any:
         return array[rng.integers(0, len(array), n_frames)] * rng.uniform(0.5, 1.0)
 
     return dataclasses.replace(

@@ -150,7 +150,7 @@ def _encode(rng: Rng, data: bytes) -> bytes:
     )
 
 
-TEXT = {
+TEXT: dict[str, Callable[[Rng, bytes], bytes]] = {
     "odd number": odd_number,
     "other word": other_word,
     "long word": long_word,

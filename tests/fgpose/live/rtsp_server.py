@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import sys
 
-import gi  # pyright: ignore[reportMissingImports]
+import gi
 
 gi.require_version("Gst", "1.0")
 gi.require_version("GstRtspServer", "1.0")
-from gi.repository import GLib, Gst, GstRtspServer  # pyright: ignore[reportMissingImports]  # noqa: E402
+from gi.repository import GLib, Gst, GstRtspServer  # noqa: E402
 
 
 def main(path: str, login: str = "") -> None:

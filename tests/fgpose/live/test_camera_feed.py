@@ -201,7 +201,7 @@ def test_a_network_that_cannot_be_opened(
     three: CameraRig, videos: list[Path], open_network: object, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        CameraFeed(looping(three, videos), Clock(), open_network)  # pyright: ignore[reportArgumentType]
+        CameraFeed(looping(three, videos), Clock(), open_network)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_all_recordings_that_cannot_be_opened_are_named(three: CameraRig, videos: list[Path]) -> None:

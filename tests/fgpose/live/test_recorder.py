@@ -233,28 +233,28 @@ class FullDisk:
         """Up to this size the file can be written."""
         opened = Path.open
 
-        def limited(self_path: Path, *args: object, **options: object) -> object:
-            file = opened(self_path, *args, **options)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        def limited(self_path: Path, *args: Any, **options: Any) -> Any:
+            file = opened(self_path, *args, **options)
             return _Limited(file, self) if self_path == path and args == ("xb",) else file
 
         monkeypatch.setattr(Path, "open", limited)
 
 
 class _Limited:
-    def __init__(self, file: object, disk: FullDisk) -> None:
+    def __init__(self, file: Any, disk: FullDisk) -> None:
         self._file, self._disk = file, disk
 
-    def __getattr__(self, name: str) -> object:
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
 
     def write(self, content: memoryview | bytes) -> int:
         if not self._disk.is_full:
-            return self._file.write(content)  # pyright: ignore[reportAttributeAccessIssue]
+            return self._file.write(content)
         self._disk.n_refused += 1
         room = self._disk.room_to_bytes
-        if room is not None and self._file.tell() + len(content) <= room:  # pyright: ignore[reportAttributeAccessIssue]
-            return self._file.write(content)  # pyright: ignore[reportAttributeAccessIssue]
-        self._file.write(content[:7])  # pyright: ignore[reportAttributeAccessIssue]
+        if room is not None and self._file.tell() + len(content) <= room:
+            return self._file.write(content)
+        self._file.write(content[:7])
         raise OSError(self._disk.error, os.strerror(self._disk.error))
 
 
@@ -368,7 +368,7 @@ def test_a_disk_that_hangs_is_said_at_the_end(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr("fgpose.live.recording.recorder._CLOSE_S", 0.1)
     works_again = threading.Event()
     recorder = Recorder(tmp_path / "live", RIG, SKELETON)
-    recorder._append = lambda *_: works_again.wait()  # type: ignore[assignment]  # pyright: ignore[reportAttributeAccessIssue]
+    recorder._append = lambda *_: works_again.wait()  # pyrefly: ignore[bad-assignment]
     for number in range(3):
         recorder.publish(frame(number))
     recorder.close()

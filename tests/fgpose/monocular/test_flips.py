@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ def with_sides_exchanged(observations: Observations, views: np.ndarray) -> Obser
     for left, right in observations.skeleton.left_right:
         mirror[left], mirror[right] = right, left
 
-    def exchanged(values: np.ndarray | None) -> np.ndarray | None:
+    def exchanged(values: Any) -> Any:
         if values is None:
             return None
         values = values.copy()

@@ -73,8 +73,8 @@ def test_angles_are_long_as_in_their_file(walk: Trajectory, angles: JointAngles,
 @pytest.mark.parametrize("form", ["long", "wide"])
 def test_csv_reads_back_as_the_same_numbers(walk: Trajectory, angles: JointAngles, form: str, tmp_path: Path) -> None:
     for shown in (walk, angles):
-        shown.to_csv(tmp_path / "table.csv", form)  # pyright: ignore[reportArgumentType]
-        wanted = shown.to_pandas(form)  # pyright: ignore[reportArgumentType]
+        shown.to_csv(tmp_path / "table.csv", form)  # pyrefly: ignore[bad-argument-type]
+        wanted = shown.to_pandas(form)  # pyrefly: ignore[bad-argument-type]
         found = pd.read_csv(tmp_path / "table.csv")
         assert list(found) == list(wanted)
         for name in wanted:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -52,6 +53,6 @@ def _to_and_fro(n_frames: int, period: int) -> np.ndarray:
     return np.minimum(phase, 2 * period - 2 - phase)
 
 
-def changed(recording: FinishedRecording, **arrays: object) -> FinishedRecording:
+def changed(recording: FinishedRecording, **arrays: Any) -> FinishedRecording:
     """With other arrays in the trajectory; what the cameras saw stays."""
     return replace(recording, people={0: replace(recording.main, **arrays)})

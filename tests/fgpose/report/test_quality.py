@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -238,7 +239,7 @@ def coarse(walk: FinishedRecording) -> FinishedRecording:
 
 def passer_by(walk: FinishedRecording) -> FinishedRecording:
     whole = walk.main
-    part = {name: np.array(getattr(whole, name))[:15] for name in _OVER_TIME}
+    part: dict[str, Any] = {name: np.array(getattr(whole, name))[:15] for name in _OVER_TIME}
     return replace(walk, people={0: whole, 4: replace(whole, **part)})
 
 

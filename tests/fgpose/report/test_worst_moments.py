@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,7 +90,8 @@ def test_the_largest_of_each_kind_is_there_in_short_recordings_too(walk: Finishe
     planted = with_errors(walk, slice(20, 21), 0, 54.0)
     over_time = ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility")
     main = planted.main
-    short = replace(main, **{name: np.array(getattr(main, name))[:45] for name in over_time})
+    arrays: dict[str, Any] = {name: np.array(getattr(main, name))[:45] for name in over_time}
+    short = replace(main, **arrays)
     moments = worst_moments(FinishedRecording("short", {0: short}, walk.rig))
     assert at(moments, 20, 20).reason.startswith("camera ring_0 is 54 px")
     assert len(moments) >= 3
@@ -105,5 +107,6 @@ def test_a_spike_of_somebody_else_is_a_worst_moment(walk: FinishedRecording) -> 
 
 def test_a_single_frame_is_no_trouble(walk: FinishedRecording) -> None:
     over_time = ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility")
-    one = replace(walk.main, **{name: np.array(getattr(walk.main, name))[:1] for name in over_time})
+    arrays: dict[str, Any] = {name: np.array(getattr(walk.main, name))[:1] for name in over_time}
+    one = replace(walk.main, **arrays)
     assert [moment.frame for moment in worst_moments(FinishedRecording("one", {0: one}, walk.rig))] == [0]

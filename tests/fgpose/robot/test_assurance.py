@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -45,7 +46,7 @@ def test_what_is_known_may_be_said() -> None:
         ({"incomplete": ("person 3 has no estimate of left_wrist",)}, "person 3 has no estimate of left_wrist"),
     ],
 )
-def test_whatever_is_missing_is_a_fault(change: dict[str, object], reason: str) -> None:
+def test_whatever_is_missing_is_a_fault(change: dict[str, Any], reason: str) -> None:
     (said,) = faults_of(replace(KNOWN, **change), LIMITS, NOW_S)
     assert said.startswith(reason)
 
@@ -55,7 +56,8 @@ def test_every_fact_that_is_not_a_number_is_a_fault() -> None:
     assert len(numbers) == 6
     numbers.remove("doubt_s")  # of words only
     for name in numbers:
-        assert faults_of(replace(KNOWN, **{name: math.nan}), LIMITS, NOW_S), name
+        unknown: dict[str, Any] = {name: math.nan}
+        assert faults_of(replace(KNOWN, **unknown), LIMITS, NOW_S), name
     assert faults_of(KNOWN, LIMITS, math.nan)
 
 

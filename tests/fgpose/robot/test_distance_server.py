@@ -278,9 +278,9 @@ def test_measuring_that_fails_goes_on(
 def test_a_port_that_is_taken_is_named(rig: CameraRig, skeleton: Skeleton) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        for ports in ({"port": port, "poses_port": 0}, {"port": 0, "poses_port": port}):
+        for own_port, poses_port in ((port, 0), (0, port)):
             with pytest.raises(OSError, match=f"port {port} of 127.0.0.1 is taken"):
-                DistanceServer(CELL, rig, skeleton, **ports)
+                DistanceServer(CELL, rig, skeleton, port=own_port, poses_port=poses_port)
 
 
 def test_messages_of_distances_come_back() -> None:

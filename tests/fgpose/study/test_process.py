@@ -7,6 +7,7 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -240,8 +241,8 @@ def test_keypoints_that_do_not_say_it_need_a_skeleton(edited: Callable[[str, str
     file = edited('skeleton = "h36m_17"', "")
     source = first(file).source
     with np.load(source) as arrays:
-        told = {name: array for name, array in arrays.items() if name != "skeleton"}
-    np.savez(source, **{**told, "joints": np.array([f"point_{number}" for number in range(17)])})
+        told: dict[str, Any] = {name: array for name, array in arrays.items() if name != "skeleton"}
+    np.savez(source, **(told | {"joints": np.array([f"point_{number}" for number in range(17)])}))
     outcome = run(file)
     assert outcome.status == "failed"
     assert outcome.reason.startswith("data.skeleton is missing, and ")

@@ -104,7 +104,7 @@ def test_a_process_that_ends_is_started_again(scene: CrowdScene, estimators: Par
 
 def test_a_process_that_is_stopped_is_replaced(scene: CrowdScene):
     # Not because the time is over, which would be longer than the test may take.
-    with contextlib.closing(ParallelEstimators(scene.rig, scene.motion.skeleton, CONFIG)) as estimators:
+    with contextlib.closing(ParallelEstimators(scene.rig, scene.motion.skeleton, CONFIG)) as estimators:  # pyrefly: ignore[bad-specialization]
         estimators.update(newest(scene, 0, (0, 1)))
         (before,) = process_ids(estimators)
         os.kill(before, signal.SIGSTOP)

@@ -127,13 +127,13 @@ class _Planner:
         """None where the person got stuck between the others."""
         n_frames = self.others_m.shape[1]
         route = Route(np.full((n_frames, 2), np.nan), np.full(n_frames, -1), np.zeros(n_frames, dtype=bool), habit.seat)
-        comes: int | None = round(habit.comes_s * self.fps)
+        comes = round(habit.comes_s * self.fps)
         if np.isfinite(habit.trip_s):
             gone = self._visit(route, comes, habit.trip_s, habit)
-            comes = None if gone is None else gone + round(habit.away_s * self.fps)
-        if comes is None or self._visit(route, comes, habit.leaves_s, habit) is None:
-            return None
-        return route
+            if gone is None:
+                return None
+            comes = gone + round(habit.away_s * self.fps)
+        return None if self._visit(route, comes, habit.leaves_s, habit) is None else route
 
     def _visit(self, route: Route, comes: int, goes_s: float, habit: Habit) -> int | None:
         """Fill in the frames from coming to going, in place. Gives the first frame after, None if stuck."""

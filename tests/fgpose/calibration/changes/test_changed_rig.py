@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,11 +65,11 @@ def changing_rig() -> fgpose.CameraRig:
     moved = RIG.cameras[0].world_T_camera.copy()
     moved[:3, 3] += [0.05, 0.0, 0.01]
     late = with_later_clock(RIG.cameras[2], 0.1, 0.001, [(20.0, 0.2), (31.0, -0.1)])
-    first = fgpose.Camera(**{**vars_of(RIG.cameras[0]), "moves": ((18.0, moved),)})
+    first = fgpose.Camera(**(vars_of(RIG.cameras[0]) | {"moves": ((18.0, moved),)}))
     return fgpose.CameraRig((first, RIG.cameras[1], late))
 
 
-def vars_of(camera: fgpose.Camera) -> dict[str, object]:
+def vars_of(camera: fgpose.Camera) -> dict[str, Any]:
     names = ("name", "size_px", "K", "world_T_camera", "distortion", "lens", "time_offset_s")
     return {name: getattr(camera, name) for name in names}
 

@@ -61,7 +61,7 @@ def of_resolution(share: float) -> CameraRig:
 
 
 def calibrated(people: PeopleObservations, intrinsics: CameraRig | None = None, **options: Any) -> CalibratedFromPeople:
-    given = {"synchronised": True, **options}
+    given: dict[str, Any] = {"synchronised": True, **options}
     return calibrate_from_people(people, intrinsics or scene().intrinsics.subset(people.camera_names), **given)
 
 

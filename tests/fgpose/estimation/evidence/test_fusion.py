@@ -106,7 +106,7 @@ def test_a_bad_view_gets_the_lowest_weight_joint_by_joint(observations, rig):
 
 def test_the_squared_error_trusts_the_best_view_more(observations, rig):
     def share_of_best(exponent: str) -> float:
-        config = Config(fusion=FusionConfig(exponent=exponent))  # pyright: ignore[reportArgumentType]
+        config = Config(fusion=FusionConfig(exponent=exponent))  # pyrefly: ignore[bad-argument-type]
         weights = fuse(observations, rig, config).weights
         return float((weights.max(axis=1) / weights.sum(axis=1)).mean())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import Scene, ring_rig
 
 
-def weights_of(scene: Scene, rig: CameraRig, **settings: str) -> np.ndarray:
+def weights_of(scene: Scene, rig: CameraRig, **settings: Any) -> np.ndarray:
     config = replace(ProjectionConfig(), **settings)
     return detection_weights(fuse(scene.observations, rig), scene.observations.confidence, rig, config)
 

@@ -238,7 +238,7 @@ def test_replacing_works_on_after_a_failure() -> None:
             smoother.add(own, values, keys, links)
             if number >= 6:
                 smoother.drop_oldest()
-    mended._isam = FailingOnce(mended._isam, "calculateEstimatePoint3")  # pyright: ignore[reportAttributeAccessIssue]
+    mended._isam = FailingOnce(mended._isam, "calculateEstimatePoint3")  # pyrefly: ignore[bad-assignment]
     mended.points([position_key(0, 11)])
     assert mended.repairs == 1
     graph, _, keys = frame_of(8, measured_m[8])
@@ -328,7 +328,7 @@ def test_it_goes_on_when_gtsam_fails(method: str) -> None:
     smoother = FixedLagSmoother(relinearize_m=1e-3)
     for number, measurement in enumerate(measured_m):
         if number == 15:
-            smoother._isam = FailingOnce(smoother._isam, method)  # pyright: ignore[reportAttributeAccessIssue]
+            smoother._isam = FailingOnce(smoother._isam, method)  # pyrefly: ignore[bad-assignment]
         smoother.add(*frame_of(number, measurement))
         if number >= 5:
             smoother.drop_oldest()
@@ -409,8 +409,8 @@ class Refusing:
     def __init__(self, isam: gtsam.ISAM2) -> None:
         self._isam = isam
 
-    def update(self, *arguments: object) -> None:
-        self._isam.update(*arguments)  # pyright: ignore[reportCallIssue, reportArgumentType]
+    def update(self, *arguments: Any) -> None:
+        self._isam.update(*arguments)
         raise RuntimeError("indeterminate")
 
     def __getattr__(self, name: str) -> object:

@@ -260,7 +260,7 @@ def test_a_full_disk_leaves_no_empty_files_and_all_that_is_missing_is_counted(
     disk = FullDisk(tmp_path, monkeypatch)
     output.publish(frame(0))
     wait_until(lambda: output.state.n_published == 1)
-    output._sink.close()  # pyright: ignore[reportOptionalMemberAccess]
+    output._sink.close()  # pyrefly: ignore[missing-attribute]
     for sequence in range(1, 20):
         output.publish(frame(sequence))
     wait_until(lambda: output.state.n_published == 20)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -114,8 +115,8 @@ def test_pull_gives_exactly_the_files_of_the_catalogue(
 
 
 @pytest.mark.parametrize("recording", ["Demo_SinglePerson", "Demo_MultiPerson"])
-def test_demo_videos(recording: str, tmp_path: Path, packages: RealPackages) -> None:
-    folder = fetch_demo_videos(tmp_path, recording, download=packages.download)  # pyright: ignore[reportArgumentType]
+def test_demo_videos(recording: Any, tmp_path: Path, packages: RealPackages) -> None:
+    folder = fetch_demo_videos(tmp_path, recording, download=packages.download)
     assert {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} == {
         *("LICENSE", "calibration/Calib.qca.txt"),
         *(f"videos/cam0{number}.mp4" for number in (1, 2, 3, 4)),
@@ -124,4 +125,4 @@ def test_demo_videos(recording: str, tmp_path: Path, packages: RealPackages) -> 
     def offline(package: Package, folder: Path) -> Path:
         raise AssertionError("a second call must not fetch anything")
 
-    assert fetch_demo_videos(tmp_path, recording, download=offline) == folder  # pyright: ignore[reportArgumentType]
+    assert fetch_demo_videos(tmp_path, recording, download=offline) == folder

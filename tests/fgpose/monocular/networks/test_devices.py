@@ -156,7 +156,7 @@ def test_a_device_that_is_not_there_is_refused_before_weights_are_fetched(
 def test_a_device_of_no_name() -> None:
     chosen_device("cpu")  # types are checked in the first call
     with pytest.raises(ValueError, match="no device 'gpu'; there is auto, cpu, cuda"):
-        chosen_device("gpu")  # pyright: ignore[reportArgumentType]
+        chosen_device("gpu")  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize("raises", [False, True])

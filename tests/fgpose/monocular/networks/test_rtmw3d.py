@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,13 +55,13 @@ def box_around(points_px: np.ndarray) -> tuple[float, ...]:
     return *low.tolist(), *(high - low).tolist(), 0.9
 
 
-def network(path: Path, points3d_m: np.ndarray, boxes: Boxes, **settings: object) -> RTMW3D:
+def network(path: Path, points3d_m: np.ndarray, boxes: Boxes, **settings: Any) -> RTMW3D:
     """Finds the joints by their colour, and knows how far each lies behind the hips."""
     behind_m = points3d_m[:, 2] - points3d_m[[11, 12], 2].mean()
     bins = np.full(133, 288)
     bins[:17] = np.round((behind_m / RANGE_M + 1) * 288)
     tiny.simcc(path, 133, (288, 384), batch=1, depth_bins=bins, names=("input", "output", "1554", "1556"))
-    return RTMW3D(path, boxes, **settings)  # pyright: ignore[reportArgumentType]
+    return RTMW3D(path, boxes, **settings)
 
 
 def picture(points_px: np.ndarray, camera: Camera = CAMERA) -> np.ndarray:
