@@ -299,6 +299,7 @@ def test_a_late_camera_is_not_called_a_wrong_one(rig: CameraRig) -> None:
     assert "another time" in finding.reason
 
 
+@pytest.mark.slow
 def test_a_camera_of_another_rate_is_not_said_to_have_lost_images(rig: CameraRig) -> None:
     """Numbered with the others, it agrees at first."""
     walk_m = walking(360, 30.0)

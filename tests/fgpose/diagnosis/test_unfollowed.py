@@ -38,6 +38,7 @@ def seen(change: Callable[[np.ndarray], np.ndarray]) -> PeopleObservations:
     return PeopleObservations(scene.skeleton, scene.camera_names, tuple(images))
 
 
+@pytest.mark.slow
 def test_what_is_wrong_of_a_camera_is_told_of_people_too() -> None:
     found = fgpose.diagnose(seen(lambda points_px: points_px / 2), two_walkers().rig).findings
     assert found[0].code is Code.IMAGE_SIZE

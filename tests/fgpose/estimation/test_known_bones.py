@@ -87,6 +87,7 @@ def test_bones_of_somebody_else_change_nothing_and_that_is_said(
     assert result.other_bone.name in finding.reason
 
 
+@pytest.mark.slow
 def test_a_long_recording_begins_with_them_too(short: Scene, true_bones: fgpose.BoneLengths, tmp_path: Path) -> None:
     """In windows, whose lengths are held."""
     windows = FAST.replace(solver={"window_s": 0.5, "overlap_s": 0.1})

@@ -63,6 +63,7 @@ def test_they_agree_where_nothing_is_judged(
     assert np.abs(ratios).max() < most_ratio
 
 
+@pytest.mark.slow
 def test_it_is_at_least_as_good(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """With two occluded cameras, where all depends on what is judged."""
     recording, rig = scene(rig, skeleton, 50, Occlusion()), rig.subset(rig.names[:2])

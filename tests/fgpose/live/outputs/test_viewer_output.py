@@ -359,7 +359,7 @@ def test_after_a_failure_another_file_is_begun(opened: Callable[..., list[Any]],
     assert "the disk is full" in said[0]
 
 
-@pytest.mark.parametrize("has_display", [True, False])
+@pytest.mark.parametrize("has_display", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_viewer_connects_to_the_system(
     has_display: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
