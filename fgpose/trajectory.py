@@ -106,7 +106,8 @@ class Trajectory(Motion):
     config: Config | None = None
     """The configuration that made this result."""
     visibility: np.ndarray | None = None
-    """(T, C, J) probability that each detection is of its joint and not hallucinated; NaN where there is none."""
+    """(T, C, J) probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where
+    there is none."""
     implausible_frames: tuple[int, ...] = ()
     """Frames whose detections make no body (joints tens of metres apart) and were left out."""
     bone_length_sigma_m: np.ndarray | None = None
@@ -325,7 +326,8 @@ class Estimate(Shown):
     smoothed: Estimate | None = None
     """The estimate of the frame that is one lag old, from all frames since. None until there is one."""
     visibility: Float[np.ndarray, "camera joint"] | None = None
-    """Probability that each detection is of its joint and not hallucinated; NaN where there is none."""
+    """Probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where there is
+    none."""
     is_implausible: bool = False
     """Whether the detections of the newest frame, or those that came last, make no body (joints tens of metres apart)
     and were left out."""

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.evidence.image_checks.checks import ImageChecks
+from fgpose.estimation.evidence.image_checks.left_out import left_out_px, showing_left_out
 from fgpose.estimation.online.arrivals import Turns, check_frame, one_frame, one_image
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.parts.online import HungPart, of_whole_body
@@ -49,6 +50,7 @@ class Estimator:
         body = skeleton.of_joints(skeleton.body) if skeleton.parts else skeleton
         self._body, self._turns = PartEstimator(rig, body, self.config, offsets), Turns()
         self._checks = ImageChecks.none(rig.n_cameras, skeleton)
+        self._left_out_px = np.full((rig.n_cameras, skeleton.n_joints, 2), np.nan)  # of the newest frame
         self._parts = [HungPart(part, skeleton, rig, self.config, self._body.offsets) for part in skeleton.parts]
 
     def __getstate__(self) -> dict[str, object]:
@@ -68,9 +70,11 @@ class Estimator:
     def newest(self) -> Estimate | None:
         """The pose of the newest frame, as the last update gave it; None: there was none."""
         of_body = self._body.newest
-        if of_body is None or not self._parts:
-            return of_body
-        return of_whole_body(self.skeleton, of_body, [each.newest for each in self._parts])
+        if of_body is None:
+            return None
+        if self._parts:
+            of_body = of_whole_body(self.skeleton, of_body, [each.newest for each in self._parts])
+        return showing_left_out(of_body, self._left_out_px, self.rig)
 
     @property
     def n_implausible(self) -> int:
@@ -173,10 +177,14 @@ class Estimator:
 
     def _take(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         """Images of all cameras. Raises ValueError as update and update_camera."""
+        before_s = self._body.newest_s
         of_person, checks = self._checks.checked(images, self._body.expected_m, self.rig)
         estimate = self._estimate(of_person, taken_s)
         self._checks = checks
-        return estimate
+        of_newest = (self._body.newest_s > before_s) | (taken_s == self._body.newest_images_s)
+        left_out = left_out_px(images, of_person)[0]
+        self._left_out_px = np.where(of_newest[:, None, None], left_out, self._left_out_px)
+        return showing_left_out(estimate, self._left_out_px, self.rig)
 
     def _estimate(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         if not self._parts:

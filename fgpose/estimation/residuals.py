@@ -44,7 +44,7 @@ def whitened_residuals(
 def _projection(trajectory: Trajectory, evidence: Evidence) -> dict[str, Float[np.ndarray, "frame joint"]]:
     if trajectory.residual_px is None:
         return {}
-    whitened = trajectory.residual_px / evidence.detection_sigma_px
+    whitened = np.where(evidence.detected, trajectory.residual_px / evidence.detection_sigma_px, np.nan)
     return {f"projection/{name}": whitened[:, c] for c, name in enumerate(trajectory.camera_names)}
 
 

@@ -18,6 +18,7 @@ from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swin
 from fgpose.estimation.evidence.delays import image_motion_px, of_one_moment
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered, gather_long
+from fgpose.estimation.evidence.image_checks.left_out import with_left_out
 from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.evidence.other_bones import other_bone
 from fgpose.estimation.evidence.presence import present
@@ -56,7 +57,7 @@ def smooth(
     """The most probable motion given all frames, by batch optimisation of the factor graph.
 
     Detections that repeat those of the image before to the last digit are left out, and so are views while their
-    detector has gone over to somebody else (fgpose.estimation.evidence.image_checks).
+    detector has gone over to somebody else (fgpose.estimation.evidence.image_checks). They have visibility 0.
 
     A recording longer than solver.window_s is solved in overlapping windows, with bone lengths learned beforehand from
     frames spread over all of it, so that windows agree where they meet.
@@ -94,7 +95,8 @@ def smooth(
     config = config or Config()
     observations, rig = of_one_moment(observations, rig)
     evidence = gather_long(observations, rig, config)
-    return smooth_evidence(evidence, observations.skeleton, rig, config, progress, unfinished, bones)
+    smoothed = smooth_evidence(evidence, observations.skeleton, rig, config, progress, unfinished, bones)
+    return with_left_out(smoothed, observations, rig)
 
 
 @one_blas_thread()

@@ -100,7 +100,11 @@ def _show_compared(result: Result, recording: Recording) -> None:
     hand_back()
     if main.visibility is not None:
         weights *= np.nan_to_num(main.visibility[shown])
-    recording.log_observations(source.observations.frames(shown), weights, undistorted_px, every)
+    observations = source.observations.frames(shown)
+    left_out = observations.seen & np.isnan(undistorted_px[..., 0])
+    frames = np.flatnonzero(left_out.any(axis=(1, 2)))
+    undistorted_px[left_out] = source.rig.undistort(observations.points2d_px[frames])[left_out[frames]]
+    recording.log_observations(observations, weights, undistorted_px, every)
     for name, people in result.trajectories.items():
         recording.log_trajectory(name, people[0], 1 if name in result.saved else every)
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.

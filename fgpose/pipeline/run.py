@@ -12,6 +12,7 @@ from fgpose.calibration.moved_views import Recording
 from fgpose.calibration.self_calibration import CameraCalibration, calibrate_cameras
 from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.image_checks.left_out import with_left_out
 from fgpose.estimation.refinement import refine_evidence
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
@@ -63,6 +64,7 @@ def run_smooth(
         return Result(source, config, {"smoothed": people.trajectories}, ("smoothed",), people.association)
     evidence, given = source.gathered(config), (source.observations.skeleton, source.rig, config)
     smoothed = smooth_evidence(evidence, *given, progress, unfinished, source.bones)
+    smoothed = with_left_out(smoothed, source.observations, source.rig)
     if not compare:
         return _of_one(source, config, {"smoothed": smoothed}, "smoothed")
     some = evidence.frames(slice(None, None, compare))

@@ -10,6 +10,7 @@ from fgpose.association.common_clock import on_common_clock
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
 from fgpose.estimation.evidence.gathered import gather_long
+from fgpose.estimation.evidence.image_checks.left_out import with_left_out
 from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
@@ -74,7 +75,8 @@ def smooth_people(
 
         # In the frames of the association, even where cameras see this person in turns.
         evidence = gather_long(own, association.rig, config)
-        trajectories[person] = smooth_evidence(evidence, own.skeleton, association.rig, config, told, unfinished)
+        smoothed = smooth_evidence(evidence, own.skeleton, association.rig, config, told, unfinished)
+        trajectories[person] = with_left_out(smoothed, own, association.rig)
         n_done += own.n_frames
         if progress:
             progress(n_done, n_frames)
