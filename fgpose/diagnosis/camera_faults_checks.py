@@ -53,7 +53,8 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
         found = replace(found, lenses=())
     elif examined.geometry.usable and examined.side_by_side:
         found = replace(found, lenses=(), changes=tuple(each for each in found.changes if each.is_of_clock))
-    return _with_elsewhere(examined, findings_of(found, examined.rig.names))
+    changes = tuple(each for each in found.changes if not _is_of_switch(each, examined))
+    return _with_elsewhere(examined, findings_of(replace(found, changes=changes), examined.rig.names))
 
 
 def lenses_that_show(examined: Examined) -> list[Finding]:
@@ -66,22 +67,26 @@ def lenses_that_show(examined: Examined) -> list[Finding]:
 
 
 def _with_elsewhere(examined: Examined, findings: list[Finding]) -> list[Finding]:
-    findings = [each for each in findings if not _is_of_switch(each, examined)]
     explained = examined.rig.names if any(not each.camera for each in findings) else [each.camera for each in findings]
     return [*findings, *seen_elsewhere(examined, explained)]
 
 
-def _is_of_switch(finding: Finding, examined: Examined) -> bool:
-    """Whether a camera is said to have been moved when another view went over to somebody else or came back: views that
+def _is_of_switch(change: Change, examined: Examined) -> bool:
+    """Whether a camera seems to have been moved when another view went over to somebody else or came back: views that
     follow somebody else make others look moved. What was moved does not show the person where the rig says in the end.
     """
-    if finding.code is not Code.BUMPED_CAMERA or finding.from_s is None:
+    if change.kind is not Kind.BUMP:
         return False
-    seen, camera = examined.main, examined.rig.names.index(finding.camera)
-    then = np.abs(seen.frame_time_s - finding.from_s) <= _NEAR_SWITCH_S
+    seen, camera = examined.main, change.camera
+    then = np.abs(seen.frame_time_s - _moment_s(change)) <= _NEAR_SWITCH_S
     shows = np.flatnonzero(seen.seen[:, camera].any(axis=1))
     others = np.delete(examined.gone_over, camera, axis=1)
     return bool(others[then].any() and not examined.gone_over[shows[-1:], camera].any())
+
+
+def _moment_s(bump: Change) -> float:
+    """When the camera was moved."""
+    return bump.until_s if np.isfinite(bump.until_s) else bump.at_s
 
 
 def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
@@ -202,7 +207,7 @@ def _moved_cameras(changes: Sequence[Change], names: Sequence[str], together: bo
 def _bumped_cameras(changes: Sequence[Change], names: Sequence[str], together: bool) -> list[Finding]:
     """One by one, unless several were moved at one moment, or one again and again."""
     cameras = sorted({each.camera for each in changes})
-    at_s = sorted(each.until_s if np.isfinite(each.until_s) else each.at_s for each in changes)
+    at_s = sorted(map(_moment_s, changes))
     who = names[cameras[0]] if len(cameras) == 1 else f"{len(cameras)} cameras ({', '.join(names[c] for c in cameras)})"
     if len(cameras) > 1 and at_s[-1] - at_s[0] < _ONE_MOMENT_S:
         reason = f"{who} were moved at {np.mean(at_s):.1f} s, while they filmed"
@@ -239,7 +244,7 @@ def _moved_throughout(change: Change, names: Sequence[str], together: bool) -> F
 
 def _bumped(change: Change, names: Sequence[str], together: bool) -> Finding:
     name, until = names[change.camera], np.isfinite(change.until_s)
-    at_s = change.until_s if until else change.at_s
+    at_s = _moment_s(change)
     right = "; the calibration is right from then on" if until else "; until then it was where the calibration says"
     by_hand = f"Cut the recording at {at_s:.1f} s, and calibrate the part {'before' if until else 'after'} it again."
     return Finding(

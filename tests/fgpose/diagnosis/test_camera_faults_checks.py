@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import Changes
-from fgpose.diagnosis.camera_faults_checks import findings_of
+from fgpose.diagnosis.camera_faults_checks import findings_of, moved_and_late_cameras
+from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
+from tests.fgpose.calibration.changes.changing import RIG, bumped, filmed, walk_m
 
 NAMES = ("left", "middle", "right")
 
@@ -99,3 +102,14 @@ def test_cameras_of_which_none_holds_the_world_are_one_finding() -> None:
     assert finding.severity is Severity.WRONG
     assert "2 of 3 cameras (left, right)" in finding.reason
     assert len(said(*both, names=("left", "middle", "right", "back"))) == 2
+
+
+@pytest.mark.slow
+def test_two_cameras_on_one_table_that_was_knocked_against() -> None:
+    truth_m = walk_m(1, 10.0)
+    seen = filmed(truth_m)
+    for c in (1, 2):
+        seen = bumped(seen, c, 3.0, 150, truth_m)
+    (finding,) = moved_and_late_cameras(Examined(RIG, {0: seen}))
+    assert (finding.code, finding.camera) == (Code.BUMPED_CAMERA, "")
+    assert "2 cameras (ring_1, ring_2) were moved at 5.0 s" in finding.reason
