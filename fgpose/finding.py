@@ -46,6 +46,7 @@ class Code(StrEnum):
     LOST_FRAMES = "lost-frames"
     CLOCK_RATE = "clock-rate"
     BUMPED_CAMERA = "bumped-camera"
+    UNSTEADY_CAMERA = "unsteady-camera"
     AMBIGUOUS_START = "ambiguous-start"
     UNDETERMINED_CLOCK = "undetermined-clock"
     FROZEN_CAMERA = "frozen-camera"
@@ -146,6 +147,7 @@ _OF_GEOMETRY = frozenset(
     {
         Code.MOVED_CAMERA,
         Code.BUMPED_CAMERA,
+        Code.UNSTEADY_CAMERA,
         Code.WRONG_CAMERA,
         Code.NO_AGREEMENT,
         Code.WRONG_LENS,
@@ -197,6 +199,17 @@ _OF_PLACEHOLDERS = frozenset(
     }
 )
 _OF_CLOCKS = frozenset({*_OF_ONE_CAMERA, Code.LATE_CAMERA})
+# All that changes in time, and what is not where it was.
+_OF_SHAKING = _OF_CLOCKS | {
+    Code.LOST_FRAMES,
+    Code.CLOCK_RATE,
+    Code.BUMPED_CAMERA,
+    Code.MOVED_CAMERA,
+    Code.EXCHANGED_SIDES,
+    Code.IMPOSSIBLE_SPEED,
+    Code.NOT_CONVERGED,
+    Code.UNDETERMINED,
+}
 EXPLAINS: Mapping[Code, frozenset[Code]] = {
     **{code: _OF_GEOMETRY - {code} for code in _GEOMETRY},
     Code.WRONG_CAMERA: _OF_GEOMETRY - {Code.WRONG_CAMERA, Code.WRONG_LENS, Code.NO_AGREEMENT},
@@ -223,15 +236,24 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.THING_FOR_PERSON: _OF_ONE_CAMERA,
     Code.MOVED_CAMERA: _OF_ONE_CAMERA,
     Code.BUMPED_CAMERA: _OF_ONE_CAMERA | {Code.MOVED_CAMERA, Code.LATE_CAMERA, Code.CLOCK_RATE},
+    Code.UNSTEADY_CAMERA: _OF_SHAKING,
     Code.LATE_CAMERA: _OF_ONE_CAMERA,
     Code.LOST_FRAMES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.CLOCK_RATE: _OF_CLOCKS,
     Code.FRAME_RATE: frozenset({Code.LOST_FRAMES, Code.CLOCK_RATE, Code.LATE_CAMERA}),
-    Code.SMOOTHED_KEYPOINTS: _OF_CLOCKS | {Code.LOST_FRAMES, Code.CLOCK_RATE},
-    Code.INTERPOLATED_KEYPOINTS: _OF_CLOCKS | {Code.LOST_FRAMES, Code.CLOCK_RATE, Code.SMOOTHED_KEYPOINTS},
-    Code.REPEATED_IMAGES: _OF_CLOCKS | {Code.CLOCK_RATE},
+    Code.SMOOTHED_KEYPOINTS: _OF_CLOCKS | {Code.LOST_FRAMES, Code.CLOCK_RATE, Code.UNSTEADY_CAMERA},
+    Code.INTERPOLATED_KEYPOINTS: _OF_CLOCKS
+    | {Code.LOST_FRAMES, Code.CLOCK_RATE, Code.SMOOTHED_KEYPOINTS, Code.UNSTEADY_CAMERA},
+    Code.REPEATED_IMAGES: _OF_CLOCKS | {Code.CLOCK_RATE, Code.UNSTEADY_CAMERA},
     Code.SOMEBODY_ELSE: frozenset(
-        {Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED, Code.BUMPED_CAMERA, Code.MOVED_CAMERA, Code.WRONG_LENS}
+        {
+            Code.CONTRADICTED,
+            Code.IMPOSSIBLE_SPEED,
+            Code.BUMPED_CAMERA,
+            Code.MOVED_CAMERA,
+            Code.UNSTEADY_CAMERA,
+            Code.WRONG_LENS,
+        }
     ),
     Code.IDENTITY_SWITCH: frozenset({Code.HALLUCINATING_CAMERA, Code.CONTRADICTED}),
     Code.NOBODY: frozenset({Code.GAP}),

@@ -20,7 +20,7 @@ from fgpose.diagnosis.camera_checks import (
     hallucinating_cameras,
     misplaced_joints,
 )
-from fgpose.diagnosis.camera_faults_checks import lenses_that_show, moved_and_late_cameras
+from fgpose.diagnosis.changes.camera_faults_checks import lenses_that_show, moved_and_late_cameras
 from fgpose.diagnosis.clock_checks import drifting_cameras, late_cameras, missing_frames, undetermined_clocks
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.finished import FinishedRecording

@@ -47,7 +47,7 @@ def without_search_for_faults(request: pytest.FixtureRequest, monkeypatch: pytes
     other orders of the joints and other lenses are tried where nothing contradicts those that are given."""
     if "with_search_for_faults" in request.fixturenames:
         return
-    monkeypatch.setattr("fgpose.diagnosis.camera_faults_checks.faults_of_short", lambda examined: [])
+    monkeypatch.setattr("fgpose.diagnosis.changes.camera_faults_checks.faults_of_short", lambda examined: [])
     monkeypatch.setattr("fgpose.diagnosis.body.skeletons.better_order", lambda positions_m, skeleton: None)
     monkeypatch.setattr("fgpose.diagnosis.hypotheses.geometry._clearly_better", lambda scene: False)
 

@@ -16,6 +16,8 @@ from fgpose_benchmarks.faults.damage import Damage, Damaged, some_camera, with_p
 from fgpose_benchmarks.faults.geometry import nudge, of_points
 from fgpose_benchmarks.faults.take import FPS, Take
 
+_SHAKES_S = 0.4  # how long a hand takes to be elsewhere
+
 
 def at_other_times(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Take, np.random.Generator], Damaged]:
     """One camera took its images at other times than its frames say.
@@ -121,6 +123,27 @@ def _smoothed(sigma_s: float, *, one: bool) -> Callable[..., Damaged]:
     return of_points(lambda points, _: gaussian_filter1d(points, sigma_s * FPS, axis=0), one=one)
 
 
+def _shaking(degrees: float, *, one: bool) -> Callable[[Take, np.random.Generator], Damaged]:
+    """Images that move to and fro, as from a camera that is held in the hand, or one that is stabilised.
+
+    Args:
+        degrees: standard deviation about each axis.
+        one: one camera, or all of them.
+    """
+
+    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
+        points = take.observations.points2d_px.copy()
+        shaken = [some_camera(take, rng)] if one else range(take.rig.n_cameras)
+        for c in shaken:
+            noise = gaussian_filter1d(rng.normal(size=(len(points), 2)), _SHAKES_S * FPS, axis=0)
+            angle = np.deg2rad(degrees) * noise / noise.std(axis=0)
+            points[:, c] += (angle * np.diag(take.rig.cameras[c].K)[:2])[:, None]
+        names = tuple(take.rig.names[c] for c in shaken) if one else ()
+        return Damaged(take.rig, with_points(take.observations, points), take.truth_m, names)
+
+    return inflict
+
+
 IN_TIME: tuple[Damage, ...] = (
     Damage("late by 2 frames", (Code.LATE_CAMERA,), at_other_times(lambda t: t - 2 / FPS), 3),
     Damage("numbered from 1", (Code.LATE_CAMERA,), at_other_times(lambda t: t + 1 / FPS), 3),
@@ -134,6 +157,8 @@ IN_TIME: tuple[Damage, ...] = (
     Damage("slow motion, eight times", (Code.FRAME_RATE,), _slower(8.0), of_simulated=True),
     Damage("bumped by 0.7 degrees", (Code.BUMPED_CAMERA,), bumped(0.7), 3),
     Damage("bumped by 2 degrees", (Code.BUMPED_CAMERA,), bumped(2.0), 3),
+    Damage("shaking images", (Code.UNSTEADY_CAMERA,), _shaking(0.5, one=False)),
+    Damage("shaking images, one camera", (Code.UNSTEADY_CAMERA,), _shaking(0.5, one=True), 3),
     Damage("frozen images", (Code.FROZEN_CAMERA,), _frozen),
     Damage("each image twice", (Code.REPEATED_IMAGES,), _each_image(2, everywhere=True), is_constant=True),
     Damage(

@@ -9,7 +9,7 @@ import pytest
 
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import Changes
-from fgpose.diagnosis.camera_faults_checks import findings_of, moved_and_late_cameras
+from fgpose.diagnosis.changes.camera_faults_checks import findings_of, moved_and_late_cameras
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from tests.fgpose.calibration.changes.changing import RIG, bumped, filmed, walk_m

@@ -11,9 +11,10 @@ from fgpose.calibration.camera_faults import CameraFault, camera_faults
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import LEAST_S, MAX_LAG_S, Changes, find_changes
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
+from fgpose.diagnosis.changes.other_lenses import or_the_other, other_lenses
+from fgpose.diagnosis.changes.unsteady_cameras import unsteady_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
-from fgpose.diagnosis.other_lenses import or_the_other, other_lenses
 from fgpose.diagnosis.seen.presence import seen_elsewhere
 from fgpose.finding import Code, Finding, Severity
 
@@ -41,8 +42,8 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     if examined.geometry.explanation is not None:
         raise NotJudgedError("the calibration does not fit the keypoints")
     elsewhere = {c for c, odd in examined.geometry.odd if odd.why in _NOT_OF_THIS_TIME}
-    kept = [c for c in range(examined.rig.n_cameras) if c not in elsewhere]
-    if len(kept) < examined.rig.n_cameras:
+    kept, whole = [c for c in range(examined.rig.n_cameras) if c not in elsewhere], examined
+    if elsewhere:
         examined = examined.with_cameras([examined.rig.names[c] for c in kept])
     if examined.longest_s < LEAST_S:
         return _with_elsewhere(examined, faults_of_short(examined))
@@ -54,7 +55,10 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     elif examined.geometry.usable and examined.side_by_side:
         found = replace(found, lenses=(), changes=tuple(each for each in found.changes if each.is_of_clock))
     changes = tuple(each for each in found.changes if not _is_of_switch(each, examined))
-    return _with_elsewhere(examined, findings_of(replace(found, changes=changes), examined.rig.names))
+    findings = findings_of(replace(found, changes=changes), examined.rig.names)
+    # A camera that agrees with none may be one that shakes.
+    unsteady = unsteady_cameras(whole) if elsewhere else unsteady_cameras(examined, found.changes)
+    return _with_elsewhere(examined, [*unsteady, *findings])
 
 
 def lenses_that_show(examined: Examined) -> list[Finding]:

@@ -1,0 +1,1 @@
+"""What changes in time of the cameras, as calibration/changes finds it, in words."""
