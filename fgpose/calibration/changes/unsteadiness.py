@@ -1,8 +1,9 @@
 """Cameras that do not stand still: held in the hand, on a mast, or with images that electronic stabilisation shifts.
 
-What all joints of a camera are off by at one moment is an error of the camera, or of the point in which the cameras
-meet, which errs with them. In half a second a camera that stands a little wrong changes that by millimetres; one that
-shakes by centimetres. The variances of all cameras are fitted to the squares of what is seen (variance components).
+What all joints of a camera are off by at one moment, more than joints that err each by itself, is an error of the
+camera, or of the point in which the cameras meet, which errs with them. In half a second a camera that stands a little
+wrong changes that by millimetres; one that shakes by centimetres. The variances of all cameras are fitted to the
+squares of what is seen (variance components).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from fgpose.sampling import parts_of
 
 WITHIN_S = 0.5
 """A hand moves in that time, and so does an image that is stabilised; who walks is hardly elsewhere."""
-# Where the joints of a camera are off each by itself, they tell nothing of the camera: real networks err by half of it.
+# Where joints are off each by itself by more, as where one is taken for another, they tell nothing of the camera.
 _ALIKE_M = 0.04
 _LEAST_JOINTS = 0.5  # of those that are compared
 _LEAST_S = 4.0
@@ -57,8 +58,8 @@ def unsteadiness_m(
 def _moved(rays: Rays, lag: int) -> tuple[Float[np.ndarray, "camera moment"], Float[np.ndarray, "camera other moment"]]:
     """The squares of how far the images of each camera move between two moments, at which at least two cameras tell;
     and how much of the variance of each other camera is in each square."""
-    off_m, across = _off(rays)
-    moved_m2 = np.sum((off_m[:, lag:] - off_m[:, :-lag]) ** 2, axis=-1)
+    off_m, by_chance_m2, across = _off(rays)
+    moved_m2 = np.sum((off_m[:, lag:] - off_m[:, :-lag]) ** 2, axis=-1) - by_chance_m2[:, lag:] - by_chance_m2[:, :-lag]
     tells = np.isfinite(moved_m2)
     compared = tells.sum(axis=0) >= 2
     across = np.where(tells[..., None, None], across[:, :-lag], 0.0)[:, compared]
@@ -69,9 +70,12 @@ def _moved(rays: Rays, lag: int) -> tuple[Float[np.ndarray, "camera moment"], Fl
 
 def _off(
     rays: Rays,
-) -> tuple[Float[np.ndarray, "camera moment 3"], Float[np.ndarray, "camera moment 3 3"]]:
+) -> tuple[
+    Float[np.ndarray, "camera moment 3"], Float[np.ndarray, "camera moment"], Float[np.ndarray, "camera moment 3 3"]
+]:
     """By how much the rays of each camera miss the joints all alike, where those of all cameras meet (least squares),
-    NaN where they do not; and the part across the ray, A = I - d d', of each camera.
+    NaN where they do not; how much of its square joints that err each by itself make; and the part across the ray,
+    A = I - d d', of each camera.
 
     Shifts s_k of the images put a point off by M^-1 sum(A_k s_k), M being the sum of all A. So of s_k
     [c = k] A_c - A_c M^-1 A_k is seen in camera c.
@@ -92,4 +96,6 @@ def _off(
     off_m[~tells | (shows & ~tells).any(axis=0)] = np.nan
     middle = np.where(seen[..., None], rays.direction, 0.0).sum(axis=2)
     middle /= np.maximum(np.linalg.norm(middle, axis=-1, keepdims=True), 1e-9)
-    return off_m, np.eye(3) - middle[..., :, None] * middle[..., None, :]
+    # Of two axes half of all errors are within 1.18 sigma; the variance of a median is pi / 2 times that of a mean.
+    by_chance_m2 = 2 * (np.pi / 2) * (apart_m / 1.18) ** 2 / np.maximum(seen.sum(axis=2), 1)
+    return off_m, by_chance_m2, np.eye(3) - middle[..., :, None] * middle[..., None, :]

@@ -11,8 +11,8 @@ from fgpose.calibration.changes.unsteadiness import WITHIN_S, unsteadiness_m
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 
-# Of cameras that stand still, what all joints are off by together changes by 5 to 12 mm, by real networks and rigs that
-# are a little wrong. Where all cameras shake by 20 mm, errors are twice as large.
+# Of cameras that stand still it is 0 to 10 mm, by real networks and rigs that are a little wrong. Where all cameras
+# shake by 20 mm, errors are twice as large.
 _MATTERS_M, _WRONG_M = 0.015, 0.03
 _SHARE = 0.6  # of that of the worst camera: the error of one is in part found in the others
 

@@ -40,8 +40,16 @@ def found_m(observations: fgpose.Observations, changes: tuple[Change, ...] = (),
     return unsteadiness_m([observations.subset(names)], RIG.subset(names), changes)
 
 
-def test_cameras_that_stand_still_move_by_what_networks_err() -> None:
-    assert np.max(found_m(seen())) < 0.012
+def test_cameras_that_stand_still_move_by_what_all_joints_share_of_the_errors_of_networks() -> None:
+    assert np.max(found_m(seen())) < 0.005
+
+
+@pytest.mark.parametrize("cameras", [2, 4])
+def test_a_camera_of_poor_detections_stands_still(cameras: int) -> None:
+    """By 28 mm, each joint by itself: their median moves too."""
+    points_px, rng = seen().points2d_px.copy(), np.random.default_rng(0)
+    points_px[:, 1] += rng.normal(0, 5.0, points_px[:, 1].shape)
+    assert np.max(found_m(replace(seen(), points2d_px=points_px), cameras=cameras)) < 0.008
 
 
 @pytest.mark.parametrize("cameras", [[1], [0, 1, 2, 3]])
@@ -60,12 +68,12 @@ def test_of_two_cameras_it_is_one_or_the_other() -> None:
 
 
 def test_a_bump_is_no_shaking() -> None:
-    assert np.max(found_m(bumped(seen(), 1, 3.0, 180, walk_m(1, SECONDS)))) < 0.015
+    assert np.max(found_m(bumped(seen(), 1, 3.0, 180, walk_m(1, SECONDS)))) < 0.008
 
 
 def test_a_late_clock_is_none_when_it_is_undone() -> None:
     delayed, offset = late(seen(), 1, 10), Change(Kind.OFFSET, 1, offset_s=-10 / FPS)
-    assert np.max(found_m(delayed, (offset,))) < 0.012 < 0.014 < np.max(found_m(delayed))
+    assert np.max(found_m(delayed, (offset,))) < 0.006 < 0.01 < np.max(found_m(delayed))
 
 
 def test_too_short_to_tell() -> None:
