@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.estimation.covariances.detection_errors import (
     ErrorProducts,
+    Parity,
     TellingDetections,
     accepted,
     lags_of,
@@ -61,7 +62,8 @@ def covariance_of_errors_m2(
         of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
         components = _components(segment, linearized, residual, step_s)
         rng = np.random.default_rng(0)
-        deviations = Deviations.of(linearized, components, bias_share, step_s, rng)
+        lasting_in_views = _lasting_in_views(segment, linearized)
+        deviations = Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views)
         known = np.asarray(np.isfinite(covariance_m2[:, joints]).all(axis=(-1, -2)))
         in_graph_m2 = np.where(known[..., None, None], covariance_m2[:, joints], 0.0)
         of_graph_m2 = _averaged(in_graph_m2, step_s) + _NEXT_TO_NOTHING_M2 * np.eye(3)
@@ -95,14 +97,17 @@ class Deviations:
         bias_share: Float[np.ndarray, "frame slot 1 1"] | float,
         step_s: float,
         rng: np.random.Generator,
+        lasting: Float[np.ndarray, "camera slot"] | float = 1.0,
     ) -> Deviations:
-        """From errors with these components, of whose constant part this much is left."""
+        """From errors with these components, of whose constant part this much is left, and of whose lasting ones each
+        view has so many times as much as all together."""
         (n_frames, _, n_slots), mixing = linearized.weight.shape, _root(components.correlation)
         samples_m, covariance_m2 = np.zeros((_SAMPLES, n_frames, n_slots, 3)), np.zeros((n_frames, n_slots, 3, 3))
         for time_s, variance in zip(TIMES_S, components.variances.T, strict=True):
             if not variance.any():
                 continue
-            sigma = np.sqrt(variance[:, None] * components.axes)
+            of_views = np.broadcast_to(_of_views(time_s, components, lasting), linearized.weight.shape[1:])
+            sigma = np.sqrt(of_views[..., None] * variance[:, None] * components.axes)
             correlation = float(correlation_after(time_s, np.array([step_s]))[0])
             own_m2, rounds = np.zeros_like(covariance_m2), _rounds(time_s, n_frames, step_s)
             for number in range(rounds):
@@ -174,6 +179,31 @@ def _components(
     found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
     names = [segment.skeleton.joints[joint] for joint in segment.joints]
     return ErrorComponents.of(found, lags * step_s, step_s, names)
+
+
+def _lasting_in_views(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "camera slot"]:
+    """How many times as much of the lasting errors each view has as all together, in the variance of the graph: what
+    lasts is the network's, of the same angle in all views, and what makes one of them worse is white noise."""
+    jacobian, evidence = linearized.jacobian, segment.evidence
+    good = accepted(jacobian, evidence.weights[:, :, segment.joints])
+    parity = Parity.of(linearized.residual, jacobian, good)
+    told = np.sum(parity.known - np.sum(parity.explained**2, axis=-1), axis=0)
+    told = np.maximum(told.reshape(len(told), -1, 2).sum(axis=-1).T, 0.0)
+    sigma_rad = evidence.detection_sigma_px[:, :, segment.joints] / segment.rig.focal_px[:, None]
+    variance_rad2 = np.sum(np.where(good, sigma_rad**2, 0.0), axis=0) / np.maximum(good.sum(axis=0), 1)
+    inverse = np.divide(1.0, variance_rad2, out=np.zeros_like(variance_rad2), where=variance_rad2 > 0)
+    together = np.sum(told * inverse, axis=0) / np.maximum(told.sum(axis=0), 1e-12)
+    return np.divide(inverse, together, out=np.ones_like(inverse), where=(inverse > 0) & (together > 0))
+
+
+def _of_views(
+    time_s: float, components: ErrorComponents, lasting: Float[np.ndarray, "camera slot"] | float
+) -> Float[np.ndarray, "*camera slot"]:
+    """By how much more or less of a component each view has; its components together stay the same, if they can."""
+    if time_s > 0:
+        return lasting * np.ones(len(components.variances))
+    white, others = components.variances[:, 0], components.variances[:, 1:].sum(axis=1)
+    return np.maximum(white + others * (1.0 - lasting), 0.0) / np.maximum(white, 1e-12)
 
 
 def _of_cameras(
