@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from fgpose.calibration.changes.change import Change
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
+from fgpose.estimation.covariances.detection_errors import invertible
 from fgpose.estimation.evidence.plausibility import known_medians
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -63,7 +64,7 @@ def _moved(rays: Rays, lag: int) -> tuple[Float[np.ndarray, "camera moment"], Fl
     tells = np.isfinite(moved_m2)
     compared = tells.sum(axis=0) >= 2
     across = np.where(tells[..., None, None], across[:, :-lag], 0.0)[:, compared]
-    inverse = np.linalg.inv(across.sum(axis=0))
+    inverse = np.linalg.inv(invertible(across.sum(axis=0)))
     seen = np.eye(len(across))[:, :, None, None, None] * across - across[:, None] @ inverse @ across[None]
     return moved_m2[:, compared], np.sum(seen**2, axis=(-2, -1))
 
@@ -83,11 +84,11 @@ def _off(
     seen = rays.weight > 0
     across = np.eye(3) - rays.direction[..., :, None] * rays.direction[..., None, :]
     across = np.where(seen[..., None, None], across, 0.0)
-    enough = (seen.sum(axis=0) >= 2)[..., None, None]
-    inverse = np.linalg.inv(np.where(enough, across.sum(axis=0), np.eye(3)))
+    enough = (seen.sum(axis=0) >= 2)[..., None]
+    inverse = np.linalg.inv(invertible(across.sum(axis=0)))
     centre_m = np.nan_to_num(rays.centre_m)[:, :, None, :, None]
     point_m = inverse @ np.sum(across @ centre_m, axis=0)
-    miss_m = np.where(seen[..., None] & enough[..., 0], (across @ (point_m - centre_m))[..., 0], np.nan)
+    miss_m = np.where(seen[..., None] & enough, (across @ (point_m - centre_m))[..., 0], np.nan)
     off_m = np.stack([known_medians(of_camera) for of_camera in miss_m])
     apart_m = np.linalg.norm(miss_m - off_m[:, :, None], axis=-1, keepdims=True)
     apart_m = np.stack([known_medians(of_camera)[:, 0] for of_camera in apart_m])

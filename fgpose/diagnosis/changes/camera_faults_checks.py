@@ -56,8 +56,9 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
         found = replace(found, lenses=(), changes=tuple(each for each in found.changes if each.is_of_clock))
     changes = tuple(each for each in found.changes if not _is_of_switch(each, examined))
     findings = findings_of(replace(found, changes=changes), examined.rig.names)
-    # A camera that agrees with none may be one that shakes.
-    unsteady = unsteady_cameras(whole) if elsewhere else unsteady_cameras(examined, found.changes)
+    # A camera that agrees with none may be one that shakes; one of another rate looks alike.
+    may_shake = elsewhere and all(odd.why is not Why.RATE for _, odd in whole.geometry.odd)
+    unsteady = unsteady_cameras(whole) if may_shake else unsteady_cameras(examined, found.changes)
     return _with_elsewhere(examined, [*unsteady, *findings])
 
 

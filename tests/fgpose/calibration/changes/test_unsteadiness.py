@@ -76,6 +76,19 @@ def test_a_late_clock_is_none_when_it_is_undone() -> None:
     assert np.max(found_m(delayed, (offset,))) < 0.006 < 0.01 < np.max(found_m(delayed))
 
 
+def test_two_cameras_in_one_place_tell_nothing_of_depth() -> None:
+    """All rays to a point are one."""
+    first = RIG.cameras[0]
+    twice = fgpose.CameraRig((first, replace(first, name="twin")))
+    same = replace(seen().subset(RIG.names[:1]), camera_names=(first.name,))
+    points_px, confidence = (np.repeat(each, 2, axis=1) for each in (same.points2d_px, same.confidence))
+    both = replace(
+        same, camera_names=twice.names, points2d_px=points_px, confidence=confidence, points3d_m=None,
+        covariance3d_m2=None,
+    )  # fmt: skip
+    assert np.max(unsteadiness_m([both], twice, ())) < 1e-6
+
+
 def test_too_short_to_tell() -> None:
     assert np.isnan(found_m(seen().frames(slice(0, 90)))).all()
 
