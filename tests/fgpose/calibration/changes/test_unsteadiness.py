@@ -100,7 +100,8 @@ def test_nobody_to_tell_by() -> None:
 
 def test_one_camera_is_named_and_may_be_left_out() -> None:
     (finding,) = unsteady_cameras(Examined(RIG, {0: shaken([1], 0.08)}))
-    assert (finding.code, finding.severity, finding.camera) == (Code.UNSTEADY_CAMERA, Severity.WRONG, "ring_1")
+    # Three outvote it: errors are 1.1 times as large.
+    assert (finding.code, finding.severity, finding.camera) == (Code.UNSTEADY_CAMERA, Severity.DOUBTFUL, "ring_1")
     assert "ring_1 does not stand still: within 0.5 s all joints together move by " in finding.reason
     assert "leave it out with --cameras" in finding.remedy
     # 0.06 m at 5 m, of a focal length of 900 px.
@@ -110,7 +111,7 @@ def test_one_camera_is_named_and_may_be_left_out() -> None:
 @pytest.mark.slow
 def test_several_are_one_finding() -> None:
     (finding,) = unsteady_cameras(Examined(RIG, {0: shaken([0, 1, 2, 3], 0.08)}))
-    assert finding.camera == ""
+    assert (finding.camera, finding.severity) == ("", Severity.WRONG)
     assert "do not stand still" in finding.reason
     assert "--cameras" not in finding.remedy
     assert unsteady_cameras(Examined(RIG, {0: seen()})) == []
