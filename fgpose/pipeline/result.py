@@ -96,14 +96,12 @@ def _show_compared(result: Result, recording: Recording) -> None:
     """The results of one person side by side, with what each detection and each factor does to the last of them."""
     source, main, every = result.source, result.main[0], result.compared_every
     shown = slice(None, None, every)
-    weights, undistorted_px = _weighted(source.gathered(result.config), np.arange(main.n_frames)[shown])
+    observations = source.observations.frames(shown)
+    evidence = source.gathered(result.config)
+    weights, undistorted_px = _weighted(observations, source.rig, evidence, np.arange(main.n_frames)[shown])
     hand_back()
     if main.visibility is not None:
         weights *= np.nan_to_num(main.visibility[shown])
-    observations = source.observations.frames(shown)
-    left_out = observations.seen & np.isnan(undistorted_px[..., 0])
-    frames = np.flatnonzero(left_out.any(axis=(1, 2)))
-    undistorted_px[left_out] = source.rig.undistort(observations.points2d_px[frames])[left_out[frames]]
     recording.log_observations(observations, weights, undistorted_px, every)
     for name, people in result.trajectories.items():
         recording.log_trajectory(name, people[0], 1 if name in result.saved else every)
@@ -117,14 +115,18 @@ def _show_compared(result: Result, recording: Recording) -> None:
 
 
 def _weighted(
-    evidence: Evidence | Gathered, frames: Int[np.ndarray, " frame"]
+    observations: Observations, rig: CameraRig, evidence: Evidence | Gathered, frames: Int[np.ndarray, " frame"]
 ) -> tuple[Float[np.ndarray, "frame camera joint"], Float[np.ndarray, "frame camera joint 2"]]:
     """The weight and the undistorted place of each detection in some frames, in single precision, as the viewer shows
-    them; of a few frames at a time: all that is gathered of them takes ten times as much memory."""
+    them, also of those that are no evidence; of a few frames at a time: all that is gathered of them takes ten times as
+    much memory."""
     parts = (evidence.frames(some) for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)))
     of_parts = ((part.weights.astype(np.float32), part.undistorted_px.astype(np.float32)) for part in parts)
-    weights, undistorted_px = zip(*of_parts, strict=True)
-    return np.concatenate(weights), np.concatenate(undistorted_px)
+    weights, undistorted_px = (np.concatenate(each) for each in zip(*of_parts, strict=True))
+    left_out = observations.seen & np.isnan(undistorted_px[..., 0])
+    some = np.flatnonzero(left_out.any(axis=(1, 2)))
+    undistorted_px[left_out] = rig.undistort(observations.points2d_px[some])[left_out[some]]
+    return weights, undistorted_px
 
 
 def _residuals(result: Result) -> dict[str, Float[np.ndarray, "frame joint"]]:

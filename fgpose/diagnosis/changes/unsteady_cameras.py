@@ -9,6 +9,7 @@ import numpy as np
 from fgpose.calibration.changes.change import Change
 from fgpose.calibration.changes.unsteadiness import WITHIN_S, unsteadiness_m
 from fgpose.diagnosis.examined import Examined
+from fgpose.estimation.evidence.image_checks.checks import without_views
 from fgpose.finding import Code, Finding, Severity
 
 # Of cameras that stand still it is 0 to 10 mm, by real networks and rigs that are a little wrong. Where all cameras
@@ -21,8 +22,7 @@ def unsteady_cameras(examined: Examined, changes: Sequence[Change] = ()) -> list
     """Of a recording in which these changes were found, which are undone before: late clocks look alike."""
     rig, main = examined.rig, examined.main
     others = [seen for person, seen in examined.people.items() if person != examined.main_person]
-    followed = main.without(np.broadcast_to(examined.gone_over[..., None], main.confidence.shape))
-    moves_m = unsteadiness_m([followed, *others], rig, changes)
+    moves_m = unsteadiness_m([without_views(main, examined.gone_over), *others], rig, changes)
     worst_m = float(np.max(np.nan_to_num(moves_m)))
     if worst_m <= _MATTERS_M:
         return []

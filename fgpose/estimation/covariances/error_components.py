@@ -20,7 +20,6 @@ from jaxtyping import Bool, Float
 
 from fgpose.estimation.covariances.detection_errors import (
     ErrorProducts,
-    Parity,
     TellingDetections,
     accepted,
     lags_of,
@@ -60,9 +59,10 @@ def covariance_of_errors_m2(
     with one_blas_thread():
         covariance_m2 = surely_positive(linearized.covariance_m2())
         of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
-        components = _components(segment, linearized, residual, step_s)
+        telling = _telling(segment, linearized, residual)
+        components = _components(segment, telling, step_s)
         rng = np.random.default_rng(0)
-        lasting_in_views = _lasting_in_views(segment, linearized)
+        lasting_in_views = _lasting_in_views(segment, linearized, telling)
         deviations = Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views)
         known = np.asarray(np.isfinite(covariance_m2[:, joints]).all(axis=(-1, -2)))
         in_graph_m2 = np.where(known[..., None, None], covariance_m2[:, joints], 0.0)
@@ -169,11 +169,14 @@ def _with_bias(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "f
     return linearized.residual - bias[:, :, segment.joints]
 
 
-def _components(
-    segment: Segment, linearized: Linearized, residual: Float[np.ndarray, "frame camera slot 2"], step_s: float
-) -> ErrorComponents:
-    """Of the errors of the detections, by these residuals."""
-    telling = TellingDetections.of(residual, linearized.jacobian, segment.evidence.weights[:, :, segment.joints])
+def _telling(
+    segment: Segment, linearized: Linearized, residual: Float[np.ndarray, "frame camera slot 2"]
+) -> TellingDetections:
+    return TellingDetections.of(residual, linearized.jacobian, segment.evidence.weights[:, :, segment.joints])
+
+
+def _components(segment: Segment, telling: TellingDetections, step_s: float) -> ErrorComponents:
+    """Of the errors of the detections."""
     lags, spread = lags_of(segment.n_frames, step_s), spread_evenly(segment.n_frames, _CORRELATION_FRAMES)
     of_accepted, of_all = (ErrorProducts.of(parity, lags, spread) for parity in telling.parities)
     found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
@@ -181,12 +184,13 @@ def _components(
     return ErrorComponents.of(found, lags * step_s, step_s, names)
 
 
-def _lasting_in_views(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "camera slot"]:
+def _lasting_in_views(
+    segment: Segment, linearized: Linearized, telling: TellingDetections
+) -> Float[np.ndarray, "camera slot"]:
     """How many times as much of the lasting errors each view has as all together, in the variance of the graph: what
     lasts is the network's, of the same angle in all views, and what makes one of them worse is white noise."""
-    jacobian, evidence = linearized.jacobian, segment.evidence
-    good = accepted(jacobian, evidence.weights[:, :, segment.joints])
-    parity = Parity.of(linearized.residual, jacobian, good)
+    evidence, (parity, _) = segment.evidence, telling.parities
+    good = accepted(linearized.jacobian, evidence.weights[:, :, segment.joints])
     told = np.sum(parity.known - np.sum(parity.explained**2, axis=-1), axis=0)
     told = np.maximum(told.reshape(len(told), -1, 2).sum(axis=-1).T, 0.0)
     sigma_rad = evidence.detection_sigma_px[:, :, segment.joints] / segment.rig.focal_px[:, None]
@@ -222,7 +226,8 @@ def _of_cameras(
     for part, (before, _) in zip(parts, around, strict=True):
         moved = moves.sums(before).most_likely()
         without[part] = without_move(residual[part], jacobian[part], positions_m[part], moved, segment.rig)
-    independent = _components(segment, linearized, without, step_s).independent(MOVE_MEMORY_S, step_s)
+    telling = _telling(segment, linearized, without)
+    independent = _components(segment, telling, step_s).independent(MOVE_MEMORY_S, step_s)
     found_m2 = np.zeros((*jacobian.shape[:1], *jacobian.shape[2:3], 3, 3))
     for part, stretches in zip(parts, around, strict=True):
         moments_m2 = np.mean([moves.sums(stretch).moments(independent) for stretch in stretches], axis=0)

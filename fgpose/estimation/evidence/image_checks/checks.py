@@ -29,7 +29,7 @@ def checked(observations: Observations, rig: CameraRig) -> Observations:
     repeated = np.zeros(observations.confidence.shape, dtype=bool)
     repeated[1:] = _repeated(points_px[1:], points_px[:-1], np.zeros(observations.n_cameras, dtype=bool))[0]
     new = observations.without(repeated)
-    return _without_views(new, views_gone_over(new, rig))
+    return without_views(new, views_gone_over(new, rig))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class ImageChecks:
         followed = self.followed.after(of_body_px, time_s, expected_m(time_s), rig)
         shows = images.seen[0].any(axis=-1)
         before_px = np.where(shows[:, None, None], images.points2d_px[0], self.before_px)
-        return _without_views(new, followed.gone_over[None]), ImageChecks(before_px, is_new[0], followed)
+        return without_views(new, followed.gone_over[None]), ImageChecks(before_px, is_new[0], followed)
 
 
 def _repeated(
@@ -92,5 +92,6 @@ def _repeated(
     return same, is_new
 
 
-def _without_views(observations: Observations, views: Bool[np.ndarray, "frame camera"]) -> Observations:
+def without_views(observations: Observations, views: Bool[np.ndarray, "frame camera"]) -> Observations:
+    """Without all that these views detect."""
     return observations.without(np.broadcast_to(views[..., None], observations.confidence.shape))

@@ -48,6 +48,13 @@ def segment_of(
     return Segment.of_recording(gather(observations, rig, config), rig, observations.skeleton, config)
 
 
+def squared_errors(trajectory: fgpose.Trajectory, truth_m: np.ndarray) -> np.ndarray:
+    """In the covariances that are claimed."""
+    assert trajectory.covariance_m2 is not None
+    error_m = trajectory.positions_m - truth_m
+    return np.einsum("tji,tjik,tjk->tj", error_m, np.linalg.inv(trajectory.covariance_m2), error_m)
+
+
 @pytest.mark.parametrize(
     ("noise", "n_cameras"),
     [
@@ -66,9 +73,7 @@ def test_the_ellipsoids_hold_as_many_errors_as_they_should(
     few = rig.subset(rig.names[:n_cameras])
     noisy = scene(few, skeleton, NOISES[noise])
     trajectory = fgpose.smooth(replace(noisy.observations, points3d_m=None), few)
-    assert trajectory.covariance_m2 is not None
-    error_m = trajectory.positions_m - noisy.truth_m
-    squared = np.einsum("tji,tjik,tjk->tj", error_m, np.linalg.inv(trajectory.covariance_m2), error_m)
+    squared = squared_errors(trajectory, noisy.truth_m)
     # Three seconds of 17 joints hold few independent errors: constant ones are 34 vectors.
     for quantile, expected in ((0.5, MEDIAN), (0.9, NINETIETH)):
         ratio = np.sqrt(np.quantile(squared, quantile) / expected)
@@ -87,9 +92,7 @@ def test_the_ellipsoids_hold_what_lasts_where_one_camera_is_worse(
     points_px = noisy.observations.points2d_px.copy()
     points_px[:, 1] += np.random.default_rng(0).normal(0, 10.0, points_px[:, 1].shape)
     trajectory = fgpose.smooth(replace(noisy.observations, points2d_px=points_px, points3d_m=None), few)
-    assert trajectory.covariance_m2 is not None
-    error_m = trajectory.positions_m - noisy.truth_m
-    squared = np.einsum("tji,tjik,tjk->tj", error_m, np.linalg.inv(trajectory.covariance_m2), error_m)
+    squared = squared_errors(trajectory, noisy.truth_m)
     assert 0.85 < np.sqrt(np.median(squared) / MEDIAN) < 1.15
 
 
@@ -99,9 +102,7 @@ def test_the_ellipsoids_hold_motion_that_is_faster_than_usual(rig: fgpose.Camera
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
     fast = simulate(truth_m[::6], skeleton, rig, fps * 4 / 6, NOISES["as usual"], NO_OCCLUSION, seed=0)
     trajectory = fgpose.smooth(replace(fast.observations, points3d_m=None), rig)
-    assert trajectory.covariance_m2 is not None
-    error_m = trajectory.positions_m - fast.truth_m
-    squared = np.einsum("tji,tjik,tjk->tj", error_m, np.linalg.inv(trajectory.covariance_m2), error_m)
+    squared = squared_errors(trajectory, fast.truth_m)
     for quantile, expected in ((0.5, MEDIAN), (0.9, NINETIETH)):
         assert 0.85 < np.sqrt(np.quantile(squared, quantile) / expected) < 1.1, f"at {quantile:.0%}"
 

@@ -12,6 +12,7 @@ from fgpose.estimation.covariances.uncertainty import distrust_factor, distrust_
 from fgpose.estimation.noise import surely_positive
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import Scene
+from tests.fgpose.estimation.covariances.test_error_components import squared_errors
 
 
 def test_batch_covariances_widen_as_trust_vanishes() -> None:
@@ -40,9 +41,7 @@ def test_online_covariances_widen_with_the_share_that_does_not_fit() -> None:
 def covered(observations: fgpose.Observations, rig: fgpose.CameraRig, truth_m: np.ndarray) -> dict[int, float]:
     """Per cent of the errors within the ellipsoids of 50, 90 and 99 %."""
     trajectory = fgpose.smooth(observations, rig, config_from_dict({"solver": {"covariance": True}}))
-    assert trajectory.covariance_m2 is not None
-    error_m = trajectory.positions_m - truth_m
-    squared = np.einsum("tji,tjik,tjk->tj", error_m, np.linalg.inv(trajectory.covariance_m2), error_m)
+    squared = squared_errors(trajectory, truth_m)
     return {percent: float(100 * np.mean(squared < chi2.ppf(percent / 100, 3))) for percent in (50, 90, 99)}
 
 
