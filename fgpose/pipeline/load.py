@@ -12,8 +12,8 @@ from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.keypoints import keypoint_cameras, load_recording
+from fgpose.io.keypoints.stated_skeleton import stated_skeleton
 from fgpose.io.names import counted_otherwise, seen_cameras
-from fgpose.io.skeletons.stated import stated_skeleton
 from fgpose.observations import check_confidence
 from fgpose.pipeline.detected_orientation import as_detected
 from fgpose.pipeline.origin import origin_of

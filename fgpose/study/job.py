@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from fgpose.io.calibration import load_rig
+from fgpose.io.keypoints.stated_skeleton import stated_skeleton
 from fgpose.io.skeletons import load_skeleton
-from fgpose.io.skeletons.stated import stated_skeleton
 from fgpose.monocular.network import Network
 from fgpose.monocular.networks import open_network
 from fgpose.pipeline import AnySource, load_source

@@ -21,8 +21,8 @@ from fgpose.io.keypoints.detections import (
     read_json,
 )
 from fgpose.io.keypoints.image_files import image_format, mmpose_instances
-from fgpose.io.keypoints.joint_names import check_joints
 from fgpose.io.names import MAX_FRAME, camera_name, frame_numbers
+from fgpose.io.skeletons.joint_names import check_joints
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

@@ -15,8 +15,8 @@ from jaxtyping import Float
 
 from fgpose.io.content import first_bytes, read_content, text_lines
 from fgpose.io.keypoints.detections import CameraDetections, Provenance, checked_detections
-from fgpose.io.keypoints.joint_names import plain_joint
 from fgpose.io.names import camera_name, frame_numbers
+from fgpose.io.skeletons.joint_names import plain_joint
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

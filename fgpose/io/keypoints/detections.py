@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.content import parse_json, read_content
-from fgpose.io.keypoints.joint_names import chosen_joints, no_such_joints
+from fgpose.io.skeletons.joint_names import chosen_joints, no_such_joints
 from fgpose.observations import is_infinite
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton

@@ -8,8 +8,8 @@ import numpy as np
 
 from fgpose.io.arrays import read_array
 from fgpose.io.keypoints.detections import CameraDetections, Provenance, checked_detections
-from fgpose.io.keypoints.joint_names import no_such_joints
 from fgpose.io.skeletons import load_skeleton
+from fgpose.io.skeletons.joint_names import no_such_joints
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

@@ -18,9 +18,9 @@ from fgpose.io.keypoints.detections import CameraDetections
 from fgpose.io.keypoints.networks import network_files, placing
 from fgpose.io.keypoints.scores import as_confidences, without_zeros
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
+from fgpose.io.keypoints.stated_skeleton import stated_skeleton
 from fgpose.io.names import match_cameras
 from fgpose.io.skeletons import as_skeleton
-from fgpose.io.skeletons.stated import stated_skeleton
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
@@ -71,7 +71,7 @@ def load_observations(
     Args:
         path: the folder or file.
         rig: the cameras; the result has them in this order.
-        skeleton: a built-in one, a TOML file or a Skeleton; None: as the files say (fgpose.io.skeletons.stated).
+        skeleton: a built-in one, a TOML file or a Skeleton; None: as the files say (stated_skeleton).
         fps: frames per second; needed for every format but our own, whose files contain times. Frame n is at n / fps.
         person: of several people, consistent takes the one who is seen most, as views and frames agree; a number
             takes that entry of every image; a region takes the person who is in it.

@@ -23,12 +23,12 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_calibration_origin, load_intrinsics, load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
+from fgpose.io.keypoints.stated_skeleton import stated_skeleton
 from fgpose.io.live.packing import packed
 from fgpose.io.live.record_files import MAGIC, as_record
 from fgpose.io.live.recordings import RecordedImage, images_document, start_document
 from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason
 from fgpose.io.skeletons import load_skeleton
-from fgpose.io.skeletons.stated import stated_skeleton
 from fgpose.io.studies.events import read_events
 from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people, save_trajectory
 from fgpose.io.trajectories.kinematics import load_angles, save_kinematics

@@ -17,7 +17,7 @@ from fgpose.cli import main
 from fgpose.io.arrays import read_arrays, write_arrays
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import load_people, load_uncalibrated, save_observations, save_people_observations
-from fgpose.io.skeletons.stated import stated_skeleton
+from fgpose.io.keypoints.stated_skeleton import stated_skeleton
 from fgpose.people_observations import PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig

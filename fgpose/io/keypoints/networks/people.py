@@ -10,9 +10,9 @@ import numpy as np
 
 from fgpose.geometry.per_view.absolute_pose import UNSTATED_CONFIDENCE, confidence_of_spread
 from fgpose.io.keypoints.detections import ImageDetections, NetworkJoints, Provenance, checked_detections, nobody
-from fgpose.io.keypoints.joint_names import chosen_joints
 from fgpose.io.keypoints.networks.documents import as_array, refuse_own_world
 from fgpose.io.names import MAX_FRAME, camera_name, frame_numbers
+from fgpose.io.skeletons.joint_names import chosen_joints
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

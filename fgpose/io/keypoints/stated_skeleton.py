@@ -16,12 +16,12 @@ from fgpose.io.keypoints import deeplabcut, freemocap, live_files
 from fgpose.io.keypoints.camera_files import read_document, reader_of, stated_joints
 from fgpose.io.keypoints.detections import Provenance, read_json
 from fgpose.io.keypoints.image_files import image_format
-from fgpose.io.keypoints.joint_names import plain_joint, skeletons_named, skeletons_with
 from fgpose.io.keypoints.recording_files import SKELETON, is_parquet, is_recording
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
 from fgpose.io.live.recordings import LiveRecordingFile
 from fgpose.io.names import not_hidden
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
+from fgpose.io.skeletons.joint_names import plain_joint, skeletons_named, skeletons_with
 from fgpose.io.skeletons.tables import skeleton_from_json
 from fgpose.io.tables import file_metadata, names, read_table
 from fgpose.plain_files import naming
