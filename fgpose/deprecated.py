@@ -55,7 +55,7 @@ def moved(name: str) -> object:
     if name not in MOVED:
         raise AttributeError(f"module 'fgpose' has no attribute {name!r}")
     warnings.warn(
-        f"fgpose.{name} is now {MOVED[name]}; the old name is gone in {GONE_IN}", DeprecationWarning, stacklevel=2
+        f"fgpose.{name} is now {MOVED[name]}; the old name is gone in {GONE_IN}", DeprecationWarning, stacklevel=3
     )
     module, _, new = MOVED[name].rpartition(".")
     return getattr(importlib.import_module(module), new)

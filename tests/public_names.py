@@ -10,14 +10,14 @@ import fgpose
 
 @cache
 def public_modules() -> tuple[ModuleType, ...]:
-    """fgpose itself, and those right below it that say what they export."""
-    modules = (module for module in vars(fgpose).values() if isinstance(module, ModuleType))
-    own = (module for module in modules if module.__name__.startswith("fgpose.") and hasattr(module, "__all__"))
-    return (fgpose, *own)
+    """fgpose itself, and those that it names."""
+    named = (getattr(fgpose, name) for name in fgpose.__all__)
+    return (fgpose, *(each for each in named if isinstance(each, ModuleType)))
 
 
 @cache
 def public_names() -> dict[str, object]:
     """What is exported, by the dotted names."""
     each = ((module, name) for module in public_modules() for name in module.__all__)
-    return {f"{module.__name__}.{name}": getattr(module, name) for module, name in each}
+    found = {f"{module.__name__}.{name}": getattr(module, name) for module, name in each}
+    return {name: exported for name, exported in found.items() if not isinstance(exported, ModuleType)}

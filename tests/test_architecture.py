@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -235,7 +236,7 @@ def test_the_library_never_prints() -> None:
     assert not [name for name in printing if not within(name, {"fgpose.cli", "fgpose_benchmarks.cli"})]
 
 
-def test_importing_fgpose_stays_light() -> None:
+def test_the_names_of_fgpose_stay_light() -> None:
     heavy = (
         "rerun",
         "onnxruntime",
@@ -260,12 +261,29 @@ def test_importing_fgpose_stays_light() -> None:
         "matplotlib",
         "fgpose.notebook",
     )
-    command = f"import sys, fgpose; print(*[name for name in {heavy} if name in sys.modules])"
+    assert loaded("import fgpose; [getattr(fgpose, name) for name in fgpose.__all__]", heavy) == []
+
+
+@pytest.mark.parametrize("module", ["fgpose", "fgpose.live.page.page_server"])
+def test_nothing_is_loaded_before_it_is_asked_for(module: str) -> None:
+    assert loaded(f"import {module}", ("gtsam", "scipy", "fgpose.geometry.camera", "fgpose.estimation")) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("room", sorted(name for name in packages() if within(name, {"fgpose"})))
+def test_each_room_can_be_loaded_first(room: str) -> None:
+    """No circle of imports is hidden by what happened to be loaded before."""
+    assert loaded(f"import {room}", (room,)) == [room]
+
+
+def loaded(code: str, modules: Sequence[str]) -> list[str]:
+    """Which of these modules a process has loaded after this."""
+    command = f"{code}\nimport sys; print(*[name for name in {modules} if name in sys.modules])"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "factors")))}
     found = subprocess.run(
         [sys.executable, "-c", command], capture_output=True, text=True, check=True, env=environment, cwd=ROOT
     )
-    assert found.stdout.strip() == ""
+    return found.stdout.split()
 
 
 def test_the_rules_see_what_they_are_about() -> None:

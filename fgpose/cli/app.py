@@ -8,6 +8,7 @@ import inspect
 import io
 import itertools
 import os
+import pkgutil
 import re
 import sys
 import traceback
@@ -22,22 +23,7 @@ from typing import Annotated, Protocol, TextIO, runtime_checkable
 
 import numpy as np
 
-from fgpose.cli.boards import Board
 from fgpose.cli.command_list import print_commands
-from fgpose.cli.commands.angles import Angles
-from fgpose.cli.commands.calibrate import Calibrate
-from fgpose.cli.commands.demo import Demo
-from fgpose.cli.commands.detect import Detect
-from fgpose.cli.commands.estimators import Refine, Smooth, Track
-from fgpose.cli.commands.evaluate import Evaluate
-from fgpose.cli.commands.info import Info
-from fgpose.cli.commands.live import Live
-from fgpose.cli.commands.models import Models, Skeletons
-from fgpose.cli.commands.report import Report
-from fgpose.cli.commands.run import Run
-from fgpose.cli.commands.study import Study
-from fgpose.cli.commands.synchronise import Synchronise
-from fgpose.cli.commands.view import Overlay, View
 from fgpose.cli.console import printable
 from fgpose.cli.mistakes import in_one_line
 from fgpose.cli.process import open_streams, say, set_arguments, signals_as_exceptions, silence_stdout
@@ -64,15 +50,39 @@ _BROKEN_PIPE = 141
 # Longer than what is said of a file: the lines of a failed calibration, for one.
 _MAX_MESSAGE = 4000
 _EXPECTED = (ValueError, OSError, ImportError, MemoryError)
-_GROUPS: dict[str, dict[str, type]] = {
-    "start here": {"demo": Demo},
-    "from videos and cameras": {"run": Run, "detect": Detect, "live": Live},
-    "from keypoints": {"info": Info, "smooth": Smooth, "track": Track, "refine": Refine},
-    "calibration": {"calibrate": Calibrate, "board": Board, "synchronise": Synchronise},
-    "results": {"view": View, "report": Report, "overlay": Overlay, "angles": Angles, "evaluate": Evaluate},
-    "more": {"study": Study, "models": Models, "skeletons": Skeletons},
+_GROUPS = {
+    "start here": {"demo": "commands.demo:Demo"},
+    "from videos and cameras": {
+        "run": "commands.run:Run",
+        "detect": "commands.detect:Detect",
+        "live": "commands.live:Live",
+    },
+    "from keypoints": {
+        "info": "commands.info:Info",
+        "smooth": "commands.estimators:Smooth",
+        "track": "commands.estimators:Track",
+        "refine": "commands.estimators:Refine",
+    },
+    "calibration": {
+        "calibrate": "commands.calibrate:Calibrate",
+        "board": "boards:Board",
+        "synchronise": "commands.synchronise:Synchronise",
+    },
+    "results": {
+        "view": "commands.view:View",
+        "report": "commands.report:Report",
+        "overlay": "commands.view:Overlay",
+        "angles": "commands.angles:Angles",
+        "evaluate": "commands.evaluate:Evaluate",
+    },
+    "more": {
+        "study": "commands.study:Study",
+        "models": "commands.models:Models",
+        "skeletons": "commands.models:Skeletons",
+    },
 }
-_COMMANDS = {name: command for group in _GROUPS.values() for name, command in group.items()}
+"""Where in this room the class of each command is: only that of the command which is run is loaded."""
+_PLACES = {name: place for group in _GROUPS.values() for name, place in group.items()}
 _HELP, _HELP_ALL = {"-h", "--help"}, "--help-all"
 _PARAMETERS_HIDDEN = "--help-all also lists the parameters of the estimation, which most recordings do not need."
 _ESTIMATORS = ("run", "smooth", "track", "refine")
@@ -144,17 +154,19 @@ class Command(Protocol):
         """Returns: the exit code; None: 0."""
 
 
-def _commands(arguments: list[str]) -> dict[str, type]:
-    """Ours, and those that other packages add, which are imported only if they may be meant."""
-    if arguments[:1] and arguments[0] in _COMMANDS:
-        return _COMMANDS
-    # Nobody replaces one of ours.
-    return _COMMANDS | added("fgpose.commands") | _COMMANDS
+def _ours(name: str) -> type:
+    return pkgutil.resolve_name(f"fgpose.cli.{_PLACES[name]}")
+
+
+def _of_others() -> dict[str, type]:
+    """Commands that other packages add. Nobody replaces one of ours."""
+    return {name: command for name, command in added("fgpose.commands").items() if name not in _PLACES}
 
 
 def _list_commands() -> None:
-    others = {name: command for name, command in _commands([]).items() if name not in _COMMANDS}
-    print_commands(_GROUPS | {"of other packages": others} if others else _GROUPS, _DESCRIPTION)
+    groups = {title: {name: _ours(name) for name in group} for title, group in _GROUPS.items()}
+    others = _of_others()
+    print_commands(groups | {"of other packages": others} if others else groups, _DESCRIPTION)
 
 
 def _parse(arguments: list[str]) -> Command:
@@ -163,11 +175,14 @@ def _parse(arguments: list[str]) -> Command:
         raise SystemExit(0)
     import tyro
 
-    known, name = _commands(arguments), arguments[0]
+    name = arguments[0]
+    # Others are loaded only where one of them may be meant.
+    others = {} if name in _PLACES else _of_others()
+    known = [*_PLACES, *others]
     if name not in known:
         say(f"fgpose: error: {printable(in_one_line('', arguments, known, ()) or '')}\n")
         raise SystemExit(FAILED)
-    command = known[name]
+    command = others[name] if name in others else _ours(name)
     completed = getattr(command, "completed", None)
     if completed is not None:
         arguments = [name, *completed(arguments[1:])]
