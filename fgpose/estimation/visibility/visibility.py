@@ -100,7 +100,7 @@ def with_visibility(
     """The evidence with this probability of visible, and the standard deviations and weights that follow from it."""
     hidden = hidden_information(length_m, spread_m, config)
     known = replace(with_spread(evidence, spread_m, px_per_m), visibility=probability)
-    return known.trusted(_share(probability, evidence.weights, hidden, step_s))
+    return known.trusted(_share(probability * evidence.credible[:, None], evidence.weights, hidden, step_s))
 
 
 def _share(
