@@ -139,11 +139,14 @@ class _Pair:
     baseline_m: Float[np.ndarray, "sample 1 3"]
     weight: Float[np.ndarray, "sample joint"]
     scale: float
+    squared_pixel: Float[np.ndarray, "sample joint"]
+    """With the lenses of the calibration, see _View.squared_pixel."""
 
     def angles(self, one: _View, other: _View) -> Float[np.ndarray, "sample joint"]:
         """Whitened. The longer a focal length is, the smaller is the angle of a pixel, in which detections err."""
-        per_pixel = np.sqrt((one.squared_per_pixel(self.baseline_m) + other.squared_per_pixel(self.baseline_m)) / 2)
-        angles = angle(one.direction, other.direction, self.baseline_m) * (per_pixel / self.scale)
+        angles = angle(one.direction, other.direction, self.baseline_m) / self.scale
+        if not (one.is_of_calibration and other.is_of_calibration):
+            angles = angles * np.sqrt(self.squared_pixel / squared_pixel(one, other, self.baseline_m))
         return np.where(one.lost | other.lost, _LOST, angles)
 
 
@@ -153,19 +156,32 @@ class _View:
 
     direction: Float[np.ndarray, "sample joint 3"]
     world_R_camera: Float[np.ndarray, "sample 3 3"]
-    per_pixel: tuple[float, float] = (1.0, 1.0)
-    """How many angles of a pixel of the calibration one of this lens is, along x and y."""
+    magnified: tuple[float, float] = (1.0, 1.0)
+    """Focal lengths over those of the calibration, along x and y."""
+    is_of_calibration: bool = True
     lost: Bool[np.ndarray, "sample joint"] | bool = False
     """What this lens cannot have seen."""
 
-    def squared_per_pixel(self, baseline_m: Float[np.ndarray, "sample 1 3"]) -> Float[np.ndarray, "*#angles"] | float:
-        """In the direction in which rays miss each other, across the plane of a ray and the baseline."""
-        x, y = self.per_pixel
-        if x == y:
-            return x**2
-        across = np.einsum("sji,skj->ski", self.world_R_camera, cross(baseline_m, self.direction))
-        along_x, along_y = np.moveaxis(across[..., :2] ** 2, -1, 0)
-        return (along_x * x**2 + along_y * y**2) / np.maximum(along_x + along_y, 1e-12)
+    def across(
+        self, baseline_m: Float[np.ndarray, "sample 1 3"]
+    ) -> tuple[Float[np.ndarray, "sample joint"], Float[np.ndarray, "sample joint"]]:
+        """Of the planes of a baseline and the rays: the squared length of the product of both, and the squared angle of
+        a pixel across the plane, in focal lengths of the calibration. It is less at the edge of an image."""
+        normal = np.einsum("sji,skj->ski", self.world_R_camera, cross(baseline_m, self.direction))
+        squared = np.sum(normal**2, axis=-1)
+        along_axis = np.einsum("sj,skj->sk", self.world_R_camera[..., 2], self.direction)
+        of_pixel = np.sum((normal[..., :2] / self.magnified) ** 2, axis=-1) * along_axis**2
+        return squared, of_pixel / np.maximum(squared, 1e-12)
+
+
+def squared_pixel(
+    one: _View, other: _View, baseline_m: Float[np.ndarray, "sample 1 3"]
+) -> Float[np.ndarray, "sample joint"]:
+    """Variance of the angle by which two rays miss each other (lag_costs.angle) for a pixel of error in either image.
+    Without it, cameras that look in parallel would agree better the shorter their focal lengths are, which they cannot
+    tell."""
+    (from_one, of_one), (from_other, of_other) = one.across(baseline_m), other.across(baseline_m)
+    return (from_other * of_one + from_one * of_other) / np.maximum(from_one + from_other, 1e-12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,9 +213,10 @@ class _Seen:
         normalized, changed = self._normalized, (other.undistort(self._px) - other.K[:2, 2]) / np.diag(other.K)[:2]
         known, lost = np.isfinite(changed), np.isfinite(normalized) & ~np.isfinite(changed)
         x, y = _spreads(normalized) / np.maximum(_spreads(changed), 1e-9) if known.any() else (1.0, 1.0)
+        magnified = float(x), float(y)
         rays = np.concatenate([changed, np.ones((*changed.shape[:-1], 1))], axis=-1)
         rays = np.einsum("sij,skj->ski", self.world_R_camera, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
-        return _View(rays, self.world_R_camera, (float(x), float(y)), np.asarray(lost.any(axis=-1)))
+        return _View(rays, self.world_R_camera, magnified, is_of_calibration=False, lost=np.asarray(lost.any(axis=-1)))
 
 
 def _spreads(points: Float[np.ndarray, "sample joint 2"]) -> Float[np.ndarray, " 2"]:
@@ -216,15 +233,12 @@ def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig) -> list[LensFit]:
     seen = [
         _Seen(camera, rays.direction[c, index], rays.world_R_camera[c, index]) for c, camera in enumerate(rig.cameras)
     ]
-    pairs = [
-        _Pair(
-            (a, b),
-            (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32),
-            share * np.minimum(rays.weight[a, index], rays.weight[b, index]),
-            costs.scale[a, b],
-        )
-        for a, b in costs.pairs
-    ]
+    pairs = []
+    for a, b in costs.pairs:
+        baseline_m = (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32)
+        weight = share * np.minimum(rays.weight[a, index], rays.weight[b, index])
+        of_pixel = squared_pixel(seen[a].view, seen[b].view, baseline_m)
+        pairs.append(_Pair((a, b), baseline_m, weight, costs.scale[a, b], of_pixel))
     everybody = tuple(range(rays.n_cameras))
     found = []
     for lens in Lens:
