@@ -20,6 +20,8 @@ from fgpose.skeletons import named_skeleton
 _MAX_PLAUSIBLE_M = 100.0
 # No image or room has as much, and sixth powers of it do not overflow.
 _LARGEST = 1e30
+# Cameras that are started by hand are so within minutes.
+_APART_S = 600.0
 _PER_DETECTION = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2")
 
 
@@ -37,7 +39,8 @@ class Observations(Shown):
     skeleton: Skeleton
     """When it is made, also the name of one that comes with fgpose."""
     time_s: np.ndarray
-    """(T,) time of each frame, or (T, C) when every camera has its own clock (NaN: no image). Increasing."""
+    """(T,) time of each frame, or (T, C) when every camera has its own clock (NaN: no image). Increasing, of
+    each camera too; all count from about the same moment."""
     points2d_px: np.ndarray
     """(T, C, J, 2) pixels of the original, distorted image; as confidence, single precision stays single."""
     confidence: np.ndarray = field(default_factory=lambda: np.array(1.0))
@@ -142,6 +145,8 @@ class Observations(Shown):
         bad = np.flatnonzero(infinite | np.isnan(frame_time_s))
         if bad.size:
             raise ValueError(f"time_s is not finite at frame {bad[0]}")
+        if time_s.ndim == 2:
+            self._check_clocks(time_s, frame_time_s)
         backward = np.flatnonzero(np.diff(frame_time_s) <= 0)
         if backward.size:
             frame = backward[0] + 1
@@ -150,6 +155,28 @@ class Observations(Shown):
                 f"the one before at {frame_time_s[frame - 1]:.13g} s"
             )
         return time_s
+
+    def _check_clocks(
+        self, time_s: Float[np.ndarray, "frame camera"], frame_time_s: Float[np.ndarray, " frame"]
+    ) -> None:
+        """Raises ValueError where a camera's clock is not that of the others, stands still or goes back."""
+        away_s = np.abs(np.nan_to_num(time_s - frame_time_s[:, None]))
+        if away_s.max(initial=0.0) > _APART_S:
+            frame, camera = np.unravel_index(away_s.argmax(), away_s.shape)
+            raise ValueError(
+                f"time_s of camera {self.camera_names[camera]} is {time_s[frame, camera]:.13g} s at frame {frame}, far "
+                "from those of the others: all times must count from one moment"
+            )
+        for camera, name in enumerate(self.camera_names if len(time_s) > 1 else ()):
+            frames = np.flatnonzero(np.isfinite(time_s[:, camera]))
+            own_s = time_s[frames, camera]
+            backward = np.flatnonzero(np.diff(own_s) <= 0)
+            if backward.size:
+                at = backward[0] + 1
+                raise ValueError(
+                    f"time_s of camera {name} must increase: frame {frames[at]} is at {own_s[at]:.13g} s, its image "
+                    f"before at {own_s[at - 1]:.13g} s; if its clock is coarse or steps, give one time for each frame"
+                )
 
     @property
     def n_frames(self) -> int:
@@ -227,7 +254,11 @@ class Observations(Shown):
             return self.time_s
         time_s = self.time_s[:, cameras]
         empty = np.isnan(time_s).all(axis=1)
-        time_s[empty] = self.frame_time_s[empty, None]
+        if empty.any():
+            # As far from the time of the frame as in the frames around, or times could go back.
+            frame_s, late_s = self.frame_time_s, mean_times_s(time_s) - self.frame_time_s
+            late_s = np.interp(frame_s, frame_s[~empty], late_s[~empty]) if not empty.all() else np.zeros(len(frame_s))
+            time_s[empty] = (frame_s + late_s)[empty, None]
         return time_s
 
     def with_cameras(self, camera_names: tuple[str, ...]) -> Observations:

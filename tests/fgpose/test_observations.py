@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -151,6 +152,39 @@ def test_cameras_may_have_their_own_clocks(parts: dict[str, Any]) -> None:
     parts["time_s"][3] = (0.06, np.inf, 0.06)
     with pytest.raises(ValueError, match="not finite at frame 3"):
         Observations(**parts)
+
+
+@pytest.mark.parametrize(
+    ("wrong_s", "message"),
+    [
+        (
+            (0.0, 0.033, 0.066, 0.05, 0.133, 0.166),
+            "camera left must increase: frame 3 is at 0.05 s, its image before at",
+        ),
+        ((0.0, 0.0, 0.1, 0.1, 0.1, 0.2), "camera left must increase: frame 1 is at 0 s, its image before at 0 s"),
+        ((0.0, 0.033, np.nan, 0.02, 0.133, 0.166), "camera left must increase: frame 3"),
+        (1e5 + np.arange(6) / 30, r"camera left is 100000"),
+        ((0.0, 0.033, 0.066, 3600.0, 0.133, 0.166), "camera left is 3600 s at frame 3, far from those"),
+    ],
+)
+def test_a_wrong_clock_of_a_camera_is_named(parts: dict[str, Any], wrong_s: Sequence[float], message: str) -> None:
+    parts["time_s"] = np.tile(np.arange(6)[:, None] / 30, (1, CAMERAS))
+    parts["time_s"][:, 1] = wrong_s
+    with pytest.raises(ValueError, match=message):
+        Observations(**parts)
+
+
+def test_one_camera_of_a_recording_keeps_its_clock() -> None:
+    """Also where a frame lacks its image: at the time of that frame it would be before the one before."""
+    late_s = np.array([0.0, 0.0, 0.09])
+    time_s = np.arange(6)[:, None] / 30 + late_s
+    time_s[3, 2] = np.nan
+    nothing_px = np.full((6, 3, 17, 2), np.nan)
+    of_frames = Observations("h36m_17", time_s, nothing_px, 0.0, camera_names=tuple("abc"))
+    one = of_frames.subset(("c",))
+    assert (np.diff(one.frame_time_s) > 0).all()
+    with_image = [0, 1, 2, 4, 5]
+    np.testing.assert_allclose(one.frame_time_s[with_image], time_s[with_image, 2], atol=1e-12)
 
 
 def test_some_frames_are_a_recording_of_their_own(parts: dict[str, Any]) -> None:
