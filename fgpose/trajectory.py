@@ -63,7 +63,7 @@ class Convergence:
 
 @dataclass(frozen=True)
 class OtherBone:
-    """The bone that shows most clearly that lengths known from before are somebody else's."""
+    """The bone that shows most clearly that lengths known before, given or learned, are not those that are seen."""
 
     name: str
     """Of skeleton.length_names."""
@@ -73,7 +73,7 @@ class OtherBone:
     """How far these are apart, in standard deviations."""
 
     def __str__(self) -> str:
-        known, seen = f"{1000 * self.known_m:.0f} mm as given", f"{1000 * self.seen_m:.0f} mm as seen"
+        known, seen = f"{1000 * self.known_m:.0f} mm as known before", f"{1000 * self.seen_m:.0f} mm as seen"
         return f"{self.name} is {known} and {seen}, {self.sigmas:.1f} standard deviations apart"
 
 
@@ -113,7 +113,7 @@ class Trajectory(Motion):
     bone_length_sigma_m: np.ndarray | None = None
     """(L,) their standard deviations; that neighbouring frames share their errors is in them."""
     other_bone: OtherBone | None = None
-    """Why the bone lengths that were given were not used: they are somebody else's. Not kept in files."""
+    """Why bone lengths that were given, or learned online, were not used any more. Not kept in files."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "skeleton", named_skeleton(self.skeleton))
@@ -336,7 +336,8 @@ class Estimate(Shown):
     bone_lengths: BoneLengths | None = None
     """As far as they have been learned, with symmetry.form "shared_length"; None of an estimate that is one lag old."""
     other_bone: OtherBone | None = None
-    """Why the lengths that were given are not used any more (Estimator.know)."""
+    """Why the lengths that were given (Estimator.know), or learned so far, are not used any more: somebody else is
+    there, or limbs were guessed. The lengths were wrong until then, or are now."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, " 3"]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""

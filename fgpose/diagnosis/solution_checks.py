@@ -44,12 +44,15 @@ def not_converged(recording: FinishedRecording, person: int, trajectory: Traject
 
 @of_each_person
 def other_bones(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
-    """Bone lengths that were given and are somebody else's."""
+    """Bone lengths that were given, or learned online, and are not those that are seen."""
     other = trajectory.other_bone
     if other is None:
         return None
-    reason = f"the bones that were given are somebody else's, and were not used: {other}"
-    remedy = "Give a result of this person; if it was, look for a wrong calibration of one of the two recordings."
+    reason = f"the bones that were known are not those that were seen, and were not used any more: {other}"
+    remedy = (
+        "If they were given: give a result of this person; if it was, look for a wrong calibration of one of the two "
+        "recordings. If not, somebody else came, or limbs were hidden and guessed: leave out that part."
+    )
     numbers = {"known_m": other.known_m, "seen_m": other.seen_m, "sigmas": other.sigmas}
     return Finding(Code.OTHER_BONES, Severity.NOTE, reason, remedy, 0.3, numbers=numbers)
 

@@ -75,7 +75,7 @@ def test_known_bones_make_a_short_recording_better(
 def test_bones_of_somebody_else_change_nothing_and_that_is_said(
     short: Scene, alone: fgpose.Trajectory, true_bones: fgpose.BoneLengths
 ) -> None:
-    with pytest.warns(UserWarning, match=r"somebody else's, and are not used: \S+-\S+ is \d+ mm as given and \d+ mm"):
+    with pytest.warns(UserWarning, match=r"and are not used: \S+-\S+ is \d+ mm as known before and \d+ mm"):
         result = fgpose.smooth(short.observations, short.rig, FAST, bones=of_child(true_bones))
     np.testing.assert_array_equal(result.positions_m, alone.positions_m)
     assert result.other_bone is not None
