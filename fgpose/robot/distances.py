@@ -5,9 +5,10 @@ that can hurt somebody needs a rated device that stops it whatever is said here.
 slowing down out of courtesy, and for seeing what a rated device would have to cope with.
 
 A person is a set of capsules (body). Each is taken to be nearer than expected by a quantile of the error of its joints
-along the line to the link (clearance), and by what a person can walk or reach in the age of the
-data, with the speeds of ISO 13855. The links are taken to be where the given poses put them: how far the robot moves
-before it stops is left to the caller (S_robot and S_stop of ISO 10218-2).
+along the line to the link (clearance) or, where fewer than two cameras see a joint, by what it can have moved since two
+did (unseen); and by what a person can walk or reach in the age of the data, with the speeds of ISO 13855. The links are
+taken to be where the given poses put them: how far the robot moves before it stops is left to the caller (S_robot and
+S_stop of ISO 10218-2).
 
 What may be said without a fault is decided in one place (assurance). A fault is latched: it stays, with its
 first reason, until reset() is called, also when its cause is gone.
@@ -33,6 +34,7 @@ from fgpose.robot.body import ARM, Body
 from fgpose.robot.cell import Cell
 from fgpose.robot.clearance import Axes, clearance
 from fgpose.robot.links import PlacedLinks, world_poses
+from fgpose.robot.unseen import Unseen
 from fgpose.skeleton import Skeleton
 
 NO_SAFETY_FUNCTION = (
@@ -78,7 +80,9 @@ class DistanceMonitor:
         self._speed_m_s = np.array([speeds_m_s[part in ARM] for part in self._body.parts])
         self._links = PlacedLinks(cell, rig)
         self._camera_names = rig.names
-        self._frame: LiveFrame | None = None
+        self._unseen = Unseen(skeleton, cell.limits)
+        self._newest: tuple[LiveFrame, Float[np.ndarray, "person joint"]] | None = None
+        """With how far joints may be from where they are predicted."""
         self._ok_since_s: dict[str, float] = {}
         """Of the cameras that are: from when they were published so."""
         self._faults: dict[int, DistanceFault] = {}
@@ -87,18 +91,18 @@ class DistanceMonitor:
     @property
     def frame_s(self) -> float:
         """When the newest frame was published, Unix time; NaN: none has come."""
-        frame = self._frame
-        return math.nan if frame is None else frame.published_s
+        newest = self._newest
+        return math.nan if newest is None else newest[0].published_s
 
     def publish(self, frame: LiveFrame) -> None:
         """The newest frame. Never blocks."""
         self._ok_since_s = {
             # At the start it is the tracker that says since when.
-            camera.name: self._ok_since_s.get(camera.name, -math.inf if self._frame is None else frame.published_s)
+            camera.name: self._ok_since_s.get(camera.name, -math.inf if self._newest is None else frame.published_s)
             for camera in frame.cameras
             if camera.state is CameraState.OK
         }
-        self._frame = frame
+        self._newest = frame, self._unseen.away_m(frame)
 
     def close(self) -> None:
         """Does nothing: there is nothing to close."""
@@ -118,16 +122,17 @@ class DistanceMonitor:
             now_s: Unix time.
             poses_s: of when each pose is, Unix time; by default, of now.
         """
-        frame, links = self._frame, self._links.links
-        if frame is not None and math.isnan(frame.time_s):  # before the first image
-            frame = None
+        newest, links = self._newest, self._links.links
+        if newest is not None and math.isnan(newest[0].time_s):  # before the first image
+            newest = None
+        frame = None if newest is None else newest[0]
         world_T_link, is_rigid = world_poses(links, poses)
         known_s = {name: now_s if poses_s is None else poses_s.get(name, math.nan) for name in poses}
         pose_s = [now_s if link.is_fixed else known_s.get(link.name, math.nan) for link in links]
-        if frame is None:
+        if newest is None or frame is None:
             measured, incomplete = None, _nobody(len(links))
         else:
-            measured = self._measured(frame, world_T_link, max(now_s - taken_s(frame), 0.0))
+            measured = self._measured(*newest, world_T_link, max(now_s - taken_s(frame), 0.0))
             incomplete = self._incomplete(frame, measured)
             self._approach.add(frame, measured.expected_m.min(axis=1))
         now_ok = {name for name, since_s in self._ok_since_s.items() if now_s - since_s >= FOUND_S}
@@ -181,7 +186,13 @@ class DistanceMonitor:
     def _observed_share(self, ok: Collection[str], link: int, world_T_link: Float[np.ndarray, "4 4"]) -> float:
         return self._links.observed_share(link, world_T_link, np.array([name in ok for name in self._camera_names]))
 
-    def _measured(self, frame: LiveFrame, world_T_link: Float[np.ndarray, "link 4 4"], age_s: float) -> _Measured:
+    def _measured(
+        self,
+        frame: LiveFrame,
+        away_m: Float[np.ndarray, "person joint"],
+        world_T_link: Float[np.ndarray, "link 4 4"],
+        age_s: float,
+    ) -> _Measured:
         body, n_links = self._body, len(self._links.links)
         if not frame.people:
             return _Measured(*(np.zeros((0, len(body.parts), n_links)) for _ in range(3)))
@@ -204,6 +215,8 @@ class DistanceMonitor:
             for array, values in zip(arrays, (of_shapes.least_m, of_shapes.expected_m, of_shapes.along), strict=True):
                 array[person, capsule, link] = values[np.arange(len(best)), best]
         least_m, expected_m, along = arrays
+        unseen_m = away_m[:, body.joints].max(axis=(-2, -1))
+        least_m = np.minimum(least_m, expected_m - unseen_m[..., None])
         return _Measured(least_m - self._speed_m_s[:, None] * age_s, expected_m, along)
 
     def _incomplete(self, frame: LiveFrame, measured: _Measured) -> list[list[str]]:

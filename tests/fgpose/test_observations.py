@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
@@ -180,7 +181,9 @@ def test_one_camera_of_a_recording_keeps_its_clock() -> None:
     time_s = np.arange(6)[:, None] / 30 + late_s
     time_s[3, 2] = np.nan
     nothing_px = np.full((6, 3, 17, 2), np.nan)
-    of_frames = Observations("h36m_17", time_s, nothing_px, 0.0, camera_names=tuple("abc"))
+    of_frames = Observations(
+        load_skeleton("h36m_17"), time_s, nothing_px, np.zeros((6, 3, 17)), camera_names=tuple("abc")
+    )
     one = of_frames.subset(("c",))
     assert (np.diff(one.frame_time_s) > 0).all()
     with_image = [0, 1, 2, 4, 5]

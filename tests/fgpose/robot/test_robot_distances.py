@@ -18,6 +18,7 @@ from fgpose.robot.body import RADIUS_M, Body
 from fgpose.robot.cell import Capsule, Cell, Limits, Link
 from fgpose.robot.distances import DistanceMonitor
 from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Status
 from tests.fgpose.live.live_frames import live_frame, live_person, standing_m
 
 NOW_S = 1000.0
@@ -342,3 +343,18 @@ def test_the_program_of_the_documentation(
     given = {"rig": rig, "skeleton": skeleton, "time": time, "world_T_forearm": np.eye(4)}
     exec(program, given | {"slow_down": lambda: slowed.append(True)})
     assert slowed == [True, True]
+
+
+def test_an_arm_that_no_two_cameras_see_may_have_reached(monitor: Monitor, skeleton: Skeleton) -> None:
+    person = live_person(standing_m(skeleton, (1.5, 0.0)))
+    before = monitor.seen(person)["post"]
+    status = person.status.copy()
+    status[[skeleton.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")]] = (
+        Status.PREDICTED
+    )
+    after = monitor.seen(replace(person, status=status), time_s=NOW_S + 0.5)["post"]
+    assert after.expected_m == pytest.approx(before.expected_m)
+    assert after.fault is None
+    # At 2 m/s for half a second, the nearest hand; with the other parts of the body it was nearer already.
+    assert before.distance_m - 1.0 <= after.distance_m < before.distance_m - 0.5
+    assert "hand" in after.part or "lower arm" in after.part
