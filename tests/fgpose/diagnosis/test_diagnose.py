@@ -26,11 +26,13 @@ def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:
     assert set(diagnosis.not_judged) == {"frame rate", "clocks and poses over time", "lenses"}  # it is short
 
 
-@pytest.mark.parametrize(("second_deg", "severity"), [(5, Severity.DOUBTFUL), (60, Severity.NOTE)])
-def test_two_cameras_side_by_side_are_doubtful(second_deg: float, severity: Severity) -> None:
+@pytest.mark.parametrize(
+    ("others_deg", "severity"), [((5,), Severity.DOUBTFUL), ((60,), Severity.NOTE), ((4, 8, 12), Severity.DOUBTFUL)]
+)
+def test_cameras_side_by_side_are_doubtful(others_deg: tuple[float, ...], severity: Severity) -> None:
     """Four metres from somebody at the origin."""
     truth_m = motion_m()
-    angles = np.deg2rad([0.0, second_deg])
+    angles = np.deg2rad([0.0, *others_deg])
     places_m = [np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.0]) for angle in angles]
     K = np.array([[1400.0, 0, 960], [0, 1400.0, 540], [0, 0, 1]])
     cameras = (
@@ -44,7 +46,7 @@ def test_two_cameras_side_by_side_are_doubtful(second_deg: float, severity: Seve
     assert (finding.code, finding.severity) == (Code.FEW_CAMERAS, severity)
     if severity is Severity.DOUBTFUL:
         # People who walk about are not at the origin.
-        assert finding.numbers["apart_deg"] == pytest.approx(second_deg, abs=2)
+        assert finding.numbers["apart_deg"] == pytest.approx(others_deg[-1], abs=2)
 
 
 def test_what_cannot_be_judged_is_said(walking_scene: Scene) -> None:
