@@ -8,7 +8,7 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.image_checks.checks import ImageChecks
 from fgpose.estimation.evidence.image_checks.left_out import left_out_px, showing_left_out
-from fgpose.estimation.online.arrivals import Turns, check_frame, one_frame, one_image
+from fgpose.estimation.online.arrivals import Ahead, Turns, check_frame, one_frame, one_image
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.parts.online import HungPart, of_whole_body
 from fgpose.estimation.parts.part_estimator import PartEstimator
@@ -48,7 +48,8 @@ class Estimator:
         skeleton = as_skeleton(skeleton)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         body = skeleton.of_joints(skeleton.body) if skeleton.parts else skeleton
-        self._body, self._turns = PartEstimator(rig, body, self.config, offsets), Turns()
+        self._body = PartEstimator(rig, body, self.config, offsets)
+        self._turns, self._ahead = Turns(), Ahead(rig.names)
         self._checks = ImageChecks.none(rig.n_cameras, skeleton)
         self._left_out_px = np.full((rig.n_cameras, skeleton.n_joints, 2), np.nan)  # of the newest frame
         self._parts = [HungPart(part, skeleton, rig, self.config, self._body.offsets) for part in skeleton.parts]
@@ -161,7 +162,8 @@ class Estimator:
 
         Raises:
             ValueError: the camera is not in the rig, its image was there before, no frame of the window can take it
-                (TooLateError), or the arrays are not as they should be. The estimator is then as it was before.
+                (TooLateError), it is a minute or more after all others and no other camera has an image of that time
+                yet, or the arrays are not as they should be. The estimator is then as it was before.
         """
         arrays = points2d_px, confidence, points3d_m, covariance3d_m2
         image = one_image(self.skeleton, time_s, camera, arrays).with_cameras(self.rig.names)
@@ -178,6 +180,7 @@ class Estimator:
     def _take(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         """Images of all cameras. Raises ValueError as update and update_camera."""
         before_s = self._body.newest_s
+        self._ahead.check(taken_s, before_s)
         of_person, checks = self._checks.checked(images, self._body.expected_m, self.rig)
         estimate = self._estimate(of_person, taken_s)
         self._checks = checks

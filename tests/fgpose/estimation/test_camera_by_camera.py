@@ -260,3 +260,28 @@ def test_all_images_are_judged_in_any_order(rig: fgpose.CameraRig, skeleton: fgp
     np.testing.assert_allclose(visibility[0], visibility[1], atol=0.1)
     weights = [each._body._window[-1].evidence.weights[0, 1, 13] for each in (by_images, by_frames)]
     assert weights[0] == pytest.approx(weights[1], rel=0.2)
+
+
+def test_one_wrong_stamp_does_not_make_all_others_late(scene: Scene) -> None:
+    """An image an hour ahead is refused, until another camera has one of that time."""
+    seen, names, estimator = (
+        scene.observations,
+        scene.rig.names,
+        fgpose.Estimator(scene.rig, scene.observations.skeleton),
+    )
+
+    def image(frame: int, c: int, ahead_s: float = 0.0) -> fgpose.Estimate:
+        time_s = float(seen.frame_time_s[frame] + OFFSETS_S[c] + ahead_s)
+        return estimator.update_camera(names[c], time_s, seen.points2d_px[frame, c], seen.confidence[frame, c])
+
+    for c in range(4):
+        image(0, c)
+    for _ in range(2):  # of one camera alone, however often
+        with pytest.raises(ValueError, match=f"camera {names[1]}: its image at .* s after all before"):
+            image(1, 1, 3600.0)
+    for c in range(4):
+        image(1, c)
+    assert np.isfinite(image(2, 0).positions_m).all()
+    with pytest.raises(ValueError, match="after all before"):
+        image(3, 1, 3600.0)
+    assert image(3, 2, 3600.0).time_s == pytest.approx(3600.0 + seen.frame_time_s[3], abs=0.05)
