@@ -140,7 +140,7 @@ class _Pair:
     weight: Float[np.ndarray, "sample joint"]
     scale: float
     squared_pixel: Float[np.ndarray, "sample joint"]
-    """With the lenses of the calibration, see _View.squared_pixel."""
+    """With the lenses of the calibration."""
 
     def angles(self, one: _View, other: _View) -> Float[np.ndarray, "sample joint"]:
         """Whitened. The longer a focal length is, the smaller is the angle of a pixel, in which detections err."""
