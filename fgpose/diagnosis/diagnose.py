@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 from fgpose.association.chosen_person import main_person
+from fgpose.association.common_clock import single_images_together
 from fgpose.association.recording import Association, associate
 from fgpose.config import Config
 from fgpose.diagnosis.body.sides import mirrored_body
@@ -166,6 +167,9 @@ def diagnose(
         ValueError: the cameras of the recording and of the rig, or the people of the result, differ.
     """
     config = config or Config()
+    if not isinstance(recording, Association):
+        # As the estimators take them.
+        recording, rig = single_images_together(recording, rig) or (recording, rig)
     if isinstance(recording, PeopleObservations):
         told_apart = associate(recording, rig, config.tracking)
         recording = told_apart if told_apart.people else recording.of_person(main_person(recording, rig).seen)

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 import fgpose
 from fgpose.config import Config
+from fgpose.diagnosis import Severity
 from fgpose.pipeline.load import load_source
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
 
@@ -57,6 +58,14 @@ def test_their_images_make_frames(
     trajectory = fgpose.smooth(form(seen, IN_TURNS), rig, WITHOUT_COVARIANCE)
     assert trajectory.n_frames <= 22
     assert error_m(trajectory.time_s, trajectory.positions_m, skeleton) < TOLERANCE_M
+
+
+@pytest.mark.parametrize("form", [without_time, showing_nobody])
+def test_they_are_not_said_to_disagree(seen: fgpose.Observations, rig: fgpose.CameraRig, form: Form) -> None:
+    """The diagnosis looks at the frames that the estimators make of them."""
+    in_turns = form(seen, IN_TURNS)
+    result = fgpose.smooth(in_turns, rig)
+    assert fgpose.diagnose(in_turns, rig, result).worst in (None, Severity.NOTE)
 
 
 @pytest.mark.slow
