@@ -282,9 +282,11 @@ def _promising(
 def _fitted(lens: Lens, group: tuple[int, ...], pairs: list[_Pair], seen: list[_Seen], costs: LagCosts) -> LensFit:
     cost = np.array([_cost(lens, group, pairs, seen, costs, float(value)) for value in lens.values])
     odd = np.arange(costs.blocks.n_blocks) % 2 == 1
-    still, gain = _at(lens, cost, 0.0), np.zeros(costs.blocks.n_blocks)
+    still, gain = _cost(lens, group, pairs, seen, costs, 0.0), np.zeros(costs.blocks.n_blocks)
     for half in (odd, ~odd):
-        gain[~half] = (still - _at(lens, cost, _best(lens, cost[:, half])))[~half]
+        # Not on a line between those that were tried: small shifts would lose against what they look like.
+        other = _cost(lens, group, pairs, seen, costs, _best(lens, cost[:, half]))
+        gain[~half] = (still - other)[~half]
     value = _best(lens, cost)
     moved = [np.linalg.norm(seen[c].through(lens, value).direction - seen[c].direction, axis=-1) for c in group]
     focal_px = float(np.median([seen[c].camera.K[0, 0] for c in group]))
@@ -311,8 +313,3 @@ def _best(lens: Lens, cost: Float[np.ndarray, "value block"]) -> float:
     before, here, after = total[k - 1 : k + 2]
     bend, step = before - 2 * here + after, float(values[1] - values[0])
     return float(values[k] + (np.clip(0.5 * (before - after) / bend, -1, 1) * step if bend > 0 else 0.0))
-
-
-def _at(lens: Lens, cost: Float[np.ndarray, "value block"], value: float) -> Float[np.ndarray, " block"]:
-    """Between the values of each block, on the line."""
-    return np.array([np.interp(value, lens.values, of_block) for of_block in cost.T])
