@@ -169,7 +169,8 @@ def diagnose(
     config = config or Config()
     if not isinstance(recording, Association):
         # As the estimators take them.
-        recording, rig = single_images_together(recording, rig) or (recording, rig)
+        together = single_images_together(recording, rig)  # pyrefly: ignore[bad-specialization]
+        recording, rig = together or (recording, rig)
     if isinstance(recording, PeopleObservations):
         told_apart = associate(recording, rig, config.tracking)
         recording = told_apart if told_apart.people else recording.of_person(main_person(recording, rig).seen)

@@ -31,7 +31,7 @@ from fgpose.calibration.changes.lag_costs import (
     somebody_moves,
     somebody_walks,
 )
-from fgpose.calibration.changes.lenses import LensFit, lens_fits, with_lens
+from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
 from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
@@ -50,6 +50,8 @@ _MAX_CHANGES = 6
 _LONGEST_STEP_S = 0.5  # between images: nothing is told of clocks by less than two a second
 # A more complicated change must be better by this than a simpler one.
 _CLEARLY = 1.08
+# In a ring of cameras that see people as high in all images these are within 1 % of each other, whichever it is.
+_ALIKE, _AS_GOOD = ({Lens.HEIGHT, Lens.CENTRE_Y}, {Lens.WIDTH, Lens.CENTRE_X}), 0.98
 _WHOLE_FRAMES = 0.25
 _ROUNDS = 5
 _SETTLED, _SETTLED_M = np.deg2rad(0.1), 0.005
@@ -139,6 +141,8 @@ def _next(
     fits = [fit for fit in fits if is_clear(fit) and lens_matters(fit) and holds(fit)]
     # What needs no number goes before what does.
     lens = max(fits, key=lambda fit: fit.gain.sum() * (_CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
+    if lens is not None:
+        lens = replace(lens, or_else=_as_good(lens, fits))
     while candidates:
         chosen = _chosen(candidates, step_s / costs.step_s)
         # A lens is one number, a pose are six.
@@ -151,6 +155,12 @@ def _next(
             each for each in candidates if each.change.camera != chosen.change.camera or each.change.is_of_clock
         ]
     return lens if lens is not None else []
+
+
+def _as_good(lens: LensFit, fits: Sequence[LensFit]) -> LensFit | None:
+    """That of the same cameras which looks like it, if it fits as well."""
+    alike = [fit for fit in fits if fit.cameras == lens.cameras and {fit.lens, lens.lens} in _ALIKE]
+    return next((fit for fit in alike if fit.gain.sum() > _AS_GOOD * lens.gain.sum()), None)
 
 
 def _agrees(

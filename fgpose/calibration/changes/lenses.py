@@ -124,6 +124,9 @@ class LensFit:
     """By how much it moves rays, root mean square."""
     focal_px: float
     """Of the calibration; the median of the cameras."""
+    or_else: LensFit | None = None
+    """Another kind that fits as well: this recording does not tell which. Where people stand as high in all images, a
+    shift in y is like another vertical focal length."""
 
     @property
     def factor(self) -> float:

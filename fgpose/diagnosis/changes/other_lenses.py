@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from fgpose.calibration.changes.lenses import Lens, LensFit, distortion_of
 from fgpose.finding import Code, Finding, Severity
@@ -57,10 +58,24 @@ _OF_LENS = {
 
 def other_lenses(fits: Sequence[LensFit], names: Sequence[str]) -> list[Finding]:
     """One of each, shifts of images together."""
+    sure = [each for each in fits if each.or_else is None]
     return [
-        *_shifted([each for each in fits if each.lens.is_shift]),
-        *(_other_lens(each, names) for each in fits if not each.lens.is_shift),
+        *_shifted([each for each in sure if each.lens.is_shift]),
+        *(_other_lens(each, names) for each in sure if not each.lens.is_shift),
+        *(_either(each, each.or_else, names) for each in fits if each.or_else is not None),
     ]
+
+
+def _either(fit: LensFit, or_else: LensFit, names: Sequence[str]) -> Finding:
+    """Two of which the recording does not tell which it is; whose advice helps nobody if it is the other."""
+    one, other = (_shifted([each])[0] if each.lens.is_shift else _other_lens(each, names) for each in (fit, or_else))
+    reason = f"{one.reason.removesuffix(f': {_JUDGED}')}. Or: {other.reason.removesuffix(f': {_JUDGED}')}"
+    return replace(
+        one,
+        reason=f"{reason}. This recording does not tell which: {_JUDGED}",
+        remedy=f"{one.remedy} Or: {other.remedy} Look which it is.",
+        numbers={},
+    )
 
 
 def or_the_other(camera: int, names: Sequence[str]) -> str:
