@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.sampling import TimeRange, mean_times_s
+from fgpose.sampling import TimeRange, checked_times_s, mean_times_s
 from fgpose.shown import Shown
 from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
@@ -20,8 +20,6 @@ from fgpose.skeletons import named_skeleton
 _MAX_PLAUSIBLE_M = 100.0
 # No image or room has as much, and sixth powers of it do not overflow.
 _LARGEST = 1e30
-# Cameras that are started by hand are so within minutes.
-_APART_S = 600.0
 _PER_DETECTION = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2")
 
 
@@ -83,7 +81,7 @@ class Observations(Shown):
             confidence=confidence,
             points3d_m=points3d_m,
             covariance3d_m2=covariance3d_m2,
-            time_s=self._checked_time(n_frames, n_cameras),
+            time_s=checked_times_s(self.time_s, n_frames, names),
         )
 
     def _store(self, **values: Any) -> None:
@@ -135,48 +133,6 @@ class Observations(Shown):
         if wrong.any():
             raise ValueError(f"covariance3d_m2 is not positive definite at {self._where(wrong)}")
         return covariance_m2
-
-    def _checked_time(self, n_frames: int, n_cameras: int) -> np.ndarray:
-        time_s = np.array(self.time_s, dtype=float)
-        if time_s.shape not in ((n_frames,), (n_frames, n_cameras)):
-            raise ValueError(f"time_s must be ({n_frames},) or ({n_frames}, {n_cameras}), got {time_s.shape}")
-        frame_time_s = time_s if time_s.ndim == 1 else mean_times_s(time_s)
-        infinite = np.isinf(time_s).reshape(n_frames, -1).any(axis=1)
-        bad = np.flatnonzero(infinite | np.isnan(frame_time_s))
-        if bad.size:
-            raise ValueError(f"time_s is not finite at frame {bad[0]}")
-        if time_s.ndim == 2:
-            self._check_clocks(time_s, frame_time_s)
-        backward = np.flatnonzero(np.diff(frame_time_s) <= 0)
-        if backward.size:
-            frame = backward[0] + 1
-            raise ValueError(
-                f"time_s must increase: frame {frame} is at {frame_time_s[frame]:.13g} s, "
-                f"the one before at {frame_time_s[frame - 1]:.13g} s"
-            )
-        return time_s
-
-    def _check_clocks(
-        self, time_s: Float[np.ndarray, "frame camera"], frame_time_s: Float[np.ndarray, " frame"]
-    ) -> None:
-        """Raises ValueError where a camera's clock is not that of the others, stands still or goes back."""
-        away_s = np.abs(np.nan_to_num(time_s - frame_time_s[:, None]))
-        if away_s.max(initial=0.0) > _APART_S:
-            frame, camera = np.unravel_index(away_s.argmax(), away_s.shape)
-            raise ValueError(
-                f"time_s of camera {self.camera_names[camera]} is {time_s[frame, camera]:.13g} s at frame {frame}, far "
-                "from those of the others: all times must count from one moment"
-            )
-        for camera, name in enumerate(self.camera_names if len(time_s) > 1 else ()):
-            frames = np.flatnonzero(np.isfinite(time_s[:, camera]))
-            own_s = time_s[frames, camera]
-            backward = np.flatnonzero(np.diff(own_s) <= 0)
-            if backward.size:
-                at = backward[0] + 1
-                raise ValueError(
-                    f"time_s of camera {name} must increase: frame {frames[at]} is at {own_s[at]:.13g} s, its image "
-                    f"before at {own_s[at - 1]:.13g} s; if its clock is coarse or steps, give one time for each frame"
-                )
 
     @property
     def n_frames(self) -> int:

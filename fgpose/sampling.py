@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -19,6 +20,8 @@ _LONGEST_STEPS = 1.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 5e-4, 2.0
 _UNITS_S = {"milliseconds, or numbers of frames": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _FEW_STEPS = 10
+# Cameras that are started by hand are so within minutes.
+_APART_S = 600.0
 
 
 def is_of_a_camera(step_s: float) -> bool:
@@ -153,6 +156,56 @@ def mean_times_s(time_s: Float[np.ndarray, "frame camera"]) -> Float[np.ndarray,
     first_s = np.where(known, time_s, np.inf).min(axis=1, initial=np.inf)
     later_s = np.where(known, time_s - first_s[:, None], 0.0).sum(axis=1)
     return np.where(counts > 0, first_s + later_s / np.maximum(counts, 1), np.nan)
+
+
+def checked_times_s(time_s: Any, n_frames: int, camera_names: Sequence[str]) -> np.ndarray:
+    """A copy of the times of frames, (T,), or of all cameras' images, (T, C), NaN where there is none.
+
+    Raises:
+        ValueError: the shape is another, a frame has no time, times do not increase, those of a camera's images
+            neither, or the clock of a camera is not that of the others.
+    """
+    time_s = np.array(time_s, dtype=float)
+    if time_s.shape not in ((n_frames,), (n_frames, len(camera_names))):
+        raise ValueError(f"time_s must be ({n_frames},) or ({n_frames}, {len(camera_names)}), got {time_s.shape}")
+    frame_time_s = time_s if time_s.ndim == 1 else mean_times_s(time_s)
+    infinite = np.isinf(time_s).reshape(n_frames, -1).any(axis=1)
+    bad = np.flatnonzero(infinite | np.isnan(frame_time_s))
+    if bad.size:
+        raise ValueError(f"time_s is not finite at frame {bad[0]}")
+    if time_s.ndim == 2:
+        _check_clocks(time_s, frame_time_s, camera_names)
+    backward = np.flatnonzero(np.diff(frame_time_s) <= 0)
+    if backward.size:
+        frame = backward[0] + 1
+        raise ValueError(
+            f"time_s must increase: frame {frame} is at {frame_time_s[frame]:.13g} s, "
+            f"the one before at {frame_time_s[frame - 1]:.13g} s"
+        )
+    return time_s
+
+
+def _check_clocks(
+    time_s: Float[np.ndarray, "frame camera"], frame_time_s: Float[np.ndarray, " frame"], camera_names: Sequence[str]
+) -> None:
+    """Raises ValueError where a camera's clock is not that of the others, stands still or goes back."""
+    away_s = np.abs(np.nan_to_num(time_s - frame_time_s[:, None]))
+    if away_s.max(initial=0.0) > _APART_S:
+        frame, camera = np.argwhere(away_s == away_s.max())[0].tolist()
+        raise ValueError(
+            f"time_s of camera {camera_names[camera]} is {time_s[frame, camera]:.13g} s at frame {frame}, far "
+            "from those of the others: all times must count from one moment"
+        )
+    for camera, name in enumerate(camera_names if len(time_s) > 1 else ()):
+        frames = np.flatnonzero(np.isfinite(time_s[:, camera]))
+        own_s = time_s[frames, camera]
+        backward = np.flatnonzero(np.diff(own_s) <= 0)
+        if backward.size:
+            at = backward[0] + 1
+            raise ValueError(
+                f"time_s of camera {name} must increase: frame {frames[at]} is at {own_s[at]:.13g} s, its image "
+                f"before at {own_s[at - 1]:.13g} s; if its clock is coarse or steps, give one time for each frame"
+            )
 
 
 def between_images(

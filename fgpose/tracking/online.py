@@ -10,6 +10,7 @@ import numpy as np
 from fgpose.association.follow import Follower
 from fgpose.association.track import Track, Tracked, TrackEvent
 from fgpose.config import Config
+from fgpose.estimation.online.arrivals import ENOUGH_OF_ONE, FAR_S
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.tracker_memory import TrackerMemory
@@ -26,10 +27,6 @@ from fgpose.tracking.parallel import ParallelEstimators
 
 _APPLY_OFFSETS_S = 0.5
 _MOST_EVENTS = 1000  # of hours, for those who never ask
-# Nobody who was followed is still there, and no camera is so slow.
-_FAR_S = 60.0
-# Where the other cameras give no images, so many of one are believed.
-_ENOUGH_OF_ONE = 10
 
 
 class Tracker:
@@ -279,15 +276,15 @@ def _believed(
     """
     # At first the image in the middle is believed: half of the clocks are right.
     first_s = float(np.quantile([image.time_s for image in images], 0.5, method="lower")) if images else np.inf
-    far_s = max(newest_s.values(), default=first_s) + _FAR_S
+    far_s = max(newest_s.values(), default=first_s) + FAR_S
     used = [image for image in images if image.time_s <= far_s]
     ahead = [image for image in images if image.time_s > far_s]
     together = [*waiting, *ahead]
     for image in ahead:
-        near = [each for each in together if abs(each.time_s - image.time_s) <= _FAR_S]
-        if len({each.camera for each in near}) >= min(2, n_cameras) or len(near) >= _ENOUGH_OF_ONE:
+        near = [each for each in together if abs(each.time_s - image.time_s) <= FAR_S]
+        if len({each.camera for each in near}) >= min(2, n_cameras) or len(near) >= ENOUGH_OF_ONE:
             return [*used, *near], []
-    return used, [] if used else together[-_ENOUGH_OF_ONE * len(newest_s) :]
+    return used, [] if used else together[-ENOUGH_OF_ONE * len(newest_s) :]
 
 
 def _moments(images: Sequence[Detections]) -> Iterator[list[Detections]]:

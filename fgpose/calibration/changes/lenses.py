@@ -27,7 +27,7 @@ from fgpose.geometry.vectors import cross
 
 _LOGARITHMS = np.linspace(-0.48, 0.48, 13)
 _SHIFTS = np.linspace(-0.24, 0.24, 13)
-_DISTORTIONS = np.linspace(-0.42, 0.42, 13)  # of k1: action cameras have -0.4
+_DISTORTIONS = np.linspace(-0.42, 0.42, 13).round(2)  # of k1: action cameras have -0.4; 0 is exact
 _K2 = 1.2  # k2 over the square of k1 of wide lenses; equidistant ones have 1.8
 _STEP = 0.02  # of the value, for derivatives
 _LOST = 5.0  # whitened angle of a ray that another lens cannot have seen
@@ -284,12 +284,14 @@ def _promising(
 
 def _fitted(lens: Lens, group: tuple[int, ...], pairs: list[_Pair], seen: list[_Seen], costs: LagCosts) -> LensFit:
     cost = np.array([_cost(lens, group, pairs, seen, costs, float(value)) for value in lens.values])
+    tried = dict(zip(lens.values.tolist(), cost, strict=True))
     odd = np.arange(costs.blocks.n_blocks) % 2 == 1
-    still, gain = _cost(lens, group, pairs, seen, costs, 0.0), np.zeros(costs.blocks.n_blocks)
+    gain = np.zeros(costs.blocks.n_blocks)
     for half in (odd, ~odd):
         # Not on a line between those that were tried: small shifts would lose against what they look like.
-        other = _cost(lens, group, pairs, seen, costs, _best(lens, cost[:, half]))
-        gain[~half] = (still - other)[~half]
+        best = _best(lens, cost[:, half])
+        other = tried[best] if best in tried else _cost(lens, group, pairs, seen, costs, best)
+        gain[~half] = (tried[0.0] - other)[~half]
     value = _best(lens, cost)
     moved = [np.linalg.norm(seen[c].through(lens, value).direction - seen[c].direction, axis=-1) for c in group]
     focal_px = float(np.median([seen[c].camera.K[0, 0] for c in group]))

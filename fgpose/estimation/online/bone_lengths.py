@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -71,11 +72,12 @@ class RunningLengths:
     def add(self, evidence: Evidence) -> None:
         """Take a frame, with what is known of its detections, if it is time for one."""
         is_wanted, time_s = self._config.symmetry.form == "shared_length", float(evidence.time_s[0])
-        if not is_wanted or not self._knows_a_bone(evidence):
+        is_last, is_of_sample = _is_due(self._last, time_s, _LAST_STEP_S), _is_due(self._sample, time_s, self._step_s)
+        if not is_wanted or not (is_last or is_of_sample) or not self._knows_a_bone(evidence):
             return
-        if _is_due(self._last, time_s, _LAST_STEP_S):
+        if is_last:
             self._last = dict([*self._last.items()][1 - _LAST_FRAMES :]) | {time_s: evidence}
-        if not _is_due(self._sample, time_s, self._step_s):
+        if not is_of_sample:
             return
         if len(self._sample) == _MOST_FRAMES:
             self._sample, self._step_s = dict([*self._sample.items()][::2]), 2 * self._step_s
@@ -170,7 +172,7 @@ class _Estimation:
         """NaN: not estimated."""
         return self._problem.lengths_m(self._search.state)
 
-    @property
+    @cached_property  # asked for when it has settled
     def covariance_m2(self) -> Float[np.ndarray, "length length"]:
         return self._inflation**2 * self._problem.length_covariance_m2(self._search.state)
 
