@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fgpose.calibration.changes.lenses import Lens, LensFit, distortion_of
+from fgpose.diagnosis.hypotheses.images import shift_in_words
 from fgpose.finding import Code, Finding, Severity
 
 _JUDGED = "with it, cameras agree better on somebody who walks about, in the seconds that were not used to find it"
@@ -104,19 +105,9 @@ def _shifted(fits: Sequence[LensFit]) -> list[Finding]:
     """Images of all cameras, in x, y or both."""
     if not fits:
         return []
-    by_px = {"x" if each.lens is Lens.CENTRE_X else "y": each.value * each.focal_px for each in fits}
-    return [
-        Finding(
-            Code.WRONG_LENS,
-            Severity.WRONG,
-            "The images of all cameras are shifted against those of the calibration, by "
-            f"{' and '.join(f'{px:.0f} px in {axis}' for axis, px in by_px.items())}: {_JUDGED}",
-            f"Were they cut, or stabilised? Add {' and '.join(f'{px:.0f} to c{axis}' for axis, px in by_px.items())}, "
-            "or give the calibration of these images.",
-            0.9,
-            numbers={f"c{axis}_px": px for axis, px in by_px.items()},
-        )
-    ]
+    by_px = {"cx_px" if each.lens is Lens.CENTRE_X else "cy_px": each.value * each.focal_px for each in fits}
+    reason, remedy = shift_in_words(by_px)
+    return [Finding(Code.WRONG_LENS, Severity.WRONG, f"{reason}: {_JUDGED}", remedy, 0.9, numbers=by_px)]
 
 
 def _numbers_of_lens(fit: LensFit) -> dict[str, float]:

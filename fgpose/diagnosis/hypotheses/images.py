@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +27,8 @@ _SHAPES = (16 / 9, 16 / 10, 3 / 2, 4 / 3, 5 / 4, 1.0, 9 / 16, 3 / 4)  # width ov
 _RATIOS, _SAME_RATIO = (4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0), 0.004
 # What networks are given, and what is left if the sides of an image are cut off.
 _SQUARES_PX, _CUTS, _HEIGHTS_PX = (1280, 640, 512, 416, 384, 320, 256, 192), (4 / 3, 1.0), (720, 640, 512, 480, 256)
+# Of the size of the image, by which parts of it begin elsewhere than half of what was cut off says.
+_SHIFTS = (0.03, 0.06, 0.09, 0.12, 0.16, 0.2)
 _MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
 
 
@@ -36,6 +38,7 @@ def image_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Itera
     yield from turned_hypotheses(scene, cameras)
     yield from _common_sizes(scene, cameras)
     yield from _parts(scene, cameras)
+    yield from _shifts(scene, cameras)
     for factor in _FACTORS.tolist():
         if abs(factor - 1) > _UNCHANGED:
             yield resized(scene, cameras, (factor, factor))
@@ -82,6 +85,41 @@ def resized(scene: SynchronousViews, cameras: tuple[int, ...], factor: tuple[flo
     )
 
 
+def shifted(scene: SynchronousViews, cameras: tuple[int, ...], by_px: Mapping[str, float]) -> Hypothesis:
+    """Keypoints of images that begin so many pixels further on, in x or y, than the calibration's."""
+    offset_px = np.array([by_px.get("cx_px", 0.0), by_px.get("cy_px", 0.0)])
+    reason, remedy = shift_in_words(by_px)
+    return Hypothesis(
+        Code.WRONG_LENS,
+        cameras,
+        each_view(_of_points(lambda view: view.points_px - offset_px), cameras),
+        reason,
+        remedy,
+        by_px,
+        preference=2,
+    )
+
+
+def shift_in_words(by_px: Mapping[str, float]) -> tuple[str, str]:
+    """What is wrong of all cameras, and what to do; by how much their cx_px and cy_px would have to be larger."""
+    axes = {name[1]: px for name, px in by_px.items()}
+    return (
+        "The images of all cameras are shifted against those of the calibration, by "
+        f"{' and '.join(f'{px:.0f} px in {axis}' for axis, px in axes.items())}",
+        f"Were they cut, or stabilised? Add {' and '.join(f'{px:.0f} to c{axis}' for axis, px in axes.items())}, or "
+        "give the calibration of these images.",
+    )
+
+
+def _shifts(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """In one direction. That of one camera alone looks like a turn of it, and of two nearly so."""
+    if len(cameras) < max(scene.n_cameras, 3):
+        return
+    for name, side_px in zip(("cx_px", "cy_px"), size_px(scene.views[cameras[0]]), strict=True):
+        for share in _SHIFTS:
+            yield from (shifted(scene, cameras, {name: sign * share * side_px}) for sign in (-1, 1))
+
+
 def within_image(cause: Hypothesis, scene: SynchronousViews) -> bool:
     """Whether nearly all keypoints lie in the images of the calibration, if a hypothesis is true."""
     mended = cause.mend(scene)
@@ -97,6 +135,10 @@ def within_image(cause: Hypothesis, scene: SynchronousViews) -> bool:
 def is_part(cause: Hypothesis) -> bool:
     """Whether the images would begin elsewhere than the calibration's: borders, or sides that were cut off."""
     return "offset_x_px" in cause.numbers
+
+
+def is_shift(cause: Hypothesis) -> bool:
+    return bool(cause.numbers.keys() & {"cx_px", "cy_px"})
 
 
 def is_common_size(cause: Hypothesis, scene: SynchronousViews) -> bool:

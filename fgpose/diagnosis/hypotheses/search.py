@@ -14,7 +14,15 @@ from fgpose.diagnosis.hypotheses.cameras import lens_hypotheses, other_focal, po
 from fgpose.diagnosis.hypotheses.consistency import SPREAD_M, STEADY, Consistency, consistency, unsteadiness
 from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypotheses
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
-from fgpose.diagnosis.hypotheses.images import image_hypotheses, is_common_size, is_part, resized, within_image
+from fgpose.diagnosis.hypotheses.images import (
+    image_hypotheses,
+    is_common_size,
+    is_part,
+    is_shift,
+    resized,
+    shifted,
+    within_image,
+)
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
@@ -265,18 +273,22 @@ def _of_group_each(groups: Iterable[tuple[int, ...]], scene: SynchronousViews) -
 
 
 def _refined(hypothesis: Hypothesis, scene: SynchronousViews) -> Hypothesis:
-    """With the best size or focal length near that of the grid."""
+    """With the best size, focal length or shift near that of the grid."""
     make: Callable[[float], Hypothesis]
+    cameras, numbers = hypothesis.cameras, hypothesis.numbers
     is_size = hypothesis.code is Code.IMAGE_SIZE and not is_part(hypothesis)
-    if is_size and hypothesis.numbers["factor_x"] == hypothesis.numbers["factor_y"]:
-        first = hypothesis.numbers["factor_x"]
-        make = lambda factor: resized(scene, hypothesis.cameras, (factor, factor))  # noqa: E731
-    elif "focal_factor" in hypothesis.numbers:
-        first = hypothesis.numbers["focal_factor"]
-        make = lambda factor: other_focal(scene, hypothesis.cameras, factor)  # noqa: E731
+    if is_size and numbers["factor_x"] == numbers["factor_y"]:
+        make = lambda factor: resized(scene, cameras, (factor, factor))  # noqa: E731
+        first, step = numbers["factor_x"], 0.02
+    elif "focal_factor" in numbers:
+        make = lambda factor: other_focal(scene, cameras, factor)  # noqa: E731
+        first, step = numbers["focal_factor"], 0.02
+    elif is_shift(hypothesis):
+        ((name, first),) = numbers.items()
+        make = lambda px: shifted(scene, cameras, {name: px})  # noqa: E731
+        step = 0.3
     else:
         return hypothesis
-    step = 0.02
     while step > 0.001:
         tried = [make(first * np.exp(change)) for change in (-step, 0.0, step)]
         best = min(tried, key=lambda each: SearchState(each.mend(scene)).cost)

@@ -87,6 +87,16 @@ def test_one_camera_with_images_of_another_size(seen: Observations, rig: CameraR
     assert finding.numbers["factor_x"] == pytest.approx(1 / 2.37, rel=0.01)
 
 
+@pytest.mark.parametrize(("axis", "by_px"), [(0, 90.0), (1, -120.0)])
+def test_images_that_begin_elsewhere(seen: Observations, rig: CameraRig, axis: int, by_px: float) -> None:
+    offset_px = by_px * np.eye(2)[axis]
+    finding = only(changed(seen, lambda points: points + offset_px, (0, 1, 2, 3)), rig)
+    assert (finding.code, finding.camera) == (Code.WRONG_LENS, "")
+    name = ("cx_px", "cy_px")[axis]
+    assert finding.numbers[name] == pytest.approx(by_px, abs=5.0)  # 5 px is 15 mm at the body
+    assert f"Add {finding.numbers[name]:.0f} to {name[:2]}" in finding.remedy
+
+
 @pytest.mark.slow
 def test_coordinates_from_0_to_1(seen: Observations, rig: CameraRig) -> None:
     finding = only(changed(seen, lambda points: points / np.array(SIZE_PX), (0, 1, 2, 3)), rig)
