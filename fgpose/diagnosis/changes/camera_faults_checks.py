@@ -210,14 +210,17 @@ def _moved_cameras(changes: Sequence[Change], names: Sequence[str], together: bo
 
 
 def _bumped_cameras(changes: Sequence[Change], names: Sequence[str], together: bool) -> list[Finding]:
-    """One by one, unless several were moved at one moment, or one again and again."""
+    """One by one, unless several were moved at one moment, or one again and again. What is right from a moment on, and
+    until another one, is so at neither: it moves slowly."""
     cameras = sorted({each.camera for each in changes})
     at_s = sorted(map(_moment_s, changes))
     who = names[cameras[0]] if len(cameras) == 1 else f"{len(cameras)} cameras ({', '.join(names[c] for c in cameras)})"
+    slowly = len({bool(np.isfinite(each.until_s)) for each in changes}) == 2
+    again = len(changes) > _OFTEN or slowly
     if len(cameras) > 1 and at_s[-1] - at_s[0] < _ONE_MOMENT_S:
         reason = f"{who} were moved at {np.mean(at_s):.1f} s, while they filmed"
         remedy = f"Cut the recording at {np.mean(at_s):.1f} s, and calibrate the other part again."
-    elif len(changes) > _OFTEN and (len(cameras) == 1 or len(names) == 2):
+    elif again and (len(cameras) == 1 or len(names) == 2):
         reason = f"{who} did not stand still: moved at {', '.join(f'{s:.1f}' for s in at_s)} s, or all the time"
         remedy = "Fix the tripods, and record again: nothing tells where a camera is that moves all the time."
     else:

@@ -95,6 +95,15 @@ def test_a_camera_that_sinks_is_not_refined() -> None:
     assert "--refine-calibration" not in finding.remedy
 
 
+def test_what_is_right_until_a_moment_and_from_another_on_moves_slowly() -> None:
+    """One bump says that the calibration is right after it, the other one that it is right before."""
+    turn = np.array([0.0, 0.03, 0.0])
+    (finding,) = said(Change(Kind.BUMP, 0, at_s=12.5, rotation=turn), Change(Kind.BUMP, 0, until_s=8.3, rotation=-turn))
+    assert "left did not stand still: moved at 8.3, 12.5 s, or all the time" in finding.reason
+    twice = [Change(Kind.BUMP, 0, at_s=at_s, rotation=turn) for at_s in (8.3, 12.5)]
+    assert len(said(*twice)) == 2
+
+
 def test_cameras_of_which_none_holds_the_world_are_one_finding() -> None:
     turn = np.array([0.0, 0.03, 0.0])
     both = [Change(Kind.MOVED, c, rotation=turn) for c in (0, 2)]
