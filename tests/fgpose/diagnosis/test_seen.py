@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
 
 import fgpose
 from fgpose.diagnosis.examined import Examined
@@ -295,9 +296,22 @@ def test_smoothed_keypoints_of_one_camera_are_noted(seen, rig) -> None:
     assert finding.severity is Severity.NOTE
 
 
-def test_what_has_no_errors_or_is_filtered_lightly_is_not_called_smoothed(seen, rig) -> None:
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_keypoints_that_went_through_a_causal_filter_are_noted(seen, rig, share: float) -> None:
+    points_px = lfilter([share], [1, share - 1], seen.points2d_px, axis=0)[30:]
+    filtered = replace(
+        seen, points2d_px=points_px, confidence=seen.confidence[30:], time_s=seen.time_s[30:], points3d_m=None
+    )
+    (finding,) = smoothed_keypoints(Examined.of(filtered, rig))
+    assert finding.severity is Severity.NOTE
+    assert "probably filtered" in finding.reason
+
+
+def test_what_is_filtered_lightly_is_noted_and_what_has_no_errors_is_not(seen, rig) -> None:
     lightly_px = gaussian_filter1d(seen.points2d_px, 0.025 * 30, axis=0)
-    assert smoothed_keypoints(Examined.of(with_points(seen, lightly_px), rig)) == []
+    (finding,) = smoothed_keypoints(Examined.of(with_points(seen, lightly_px), rig))
+    assert finding.severity is Severity.NOTE
+    assert smoothed_keypoints(Examined.of(seen, rig)) == []
     slow_m = gaussian_filter1d(motion_m(), 0.4 * 30, axis=0)
     exact_px = np.stack([each.distort(each.project(slow_m)) for each in rig.cameras], axis=1)
     assert smoothed_keypoints(Examined.of(with_points(seen, exact_px), rig)) == []
