@@ -1,15 +1,19 @@
-"""Errors of which the graph does not know: of all cameras together, and of joints that fewer than two see."""
+"""Errors of which the graph does not know: of all cameras together, of joints that fewer than two see, and of those of
+which cameras say different things."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.estimation.covariances.uncertainty import at_least, holders
 from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.noise import ROUNDING
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.skeleton import Skeleton
 
+_AGREES = 3.0  # standard deviations of a detection from the place that it and others show
 _ONE_PLACE_SIGMAS = 2.8  # two detections of one point are nearer to each other, 98 in 100 times
 
 
@@ -21,8 +25,8 @@ def widened(
     rig: CameraRig,
     skeleton: Skeleton,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
-    """The covariance of the graph with what it does not know: what cameras that all stand a little wrong do, and the
-    errors of joints that fewer than two cameras surely see.
+    """The covariance of the graph with what it does not know: what cameras that all stand a little wrong do, the errors
+    of joints that fewer than two cameras surely see, and that others may be right than those that are believed.
 
     Args:
         covariance_m2: of the graph.
@@ -36,7 +40,52 @@ def widened(
     if not evidence.observed.all():
         least_m2 = sole_view_errors_m2(evidence, positions_m, lasting, rig)
         covariance_m2 = at_least(covariance_m2, least_m2) + other_explanations_m2(evidence, positions_m, rig, skeleton)
+    covariance_m2 = covariance_m2 + contradicted_m2(evidence, positions_m, rig, skeleton)
     return covariance_m2 + taken_for_mirrored_m2(evidence, positions_m, rig, skeleton)
+
+
+def contradicted_m2(
+    evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, skeleton: Skeleton
+) -> Float[np.ndarray, "frame joint 3 3"]:
+    """Second moment of where each joint would be if the detections that were taken for hallucinated were right, where
+    these agree on a place, and are as many as those that are believed: a network guesses alike in cameras that stand
+    alike. 0 for all other joints, and for those that fewer than two cameras see."""
+    moment_m2 = np.zeros((*positions_m.shape, 3))
+    believed = evidence.believed
+    rejected, n_believed = evidence.detected & ~believed, believed.sum(axis=1)
+    frames, joints = np.nonzero(evidence.observed & (rejected.sum(axis=1) >= n_believed))
+    if not len(frames):
+        return moment_m2
+
+    def of_points(array: np.ndarray) -> np.ndarray:
+        return array[frames, :, joints][:, :, None]
+
+    sigma_px = of_points(evidence.sigma_px)
+    weights = of_points(rejected).astype(float)
+    place = triangulate_robust(of_points(evidence.undistorted_px), weights, rig, _AGREES * sigma_px)
+    agree = place.inliers.swapaxes(1, 2)
+    as_many = agree[:, :, 0].sum(axis=1) >= n_believed[frames, joints]
+    reach_m = _reach_m(positions_m, skeleton)[frames, joints]
+    off_m = _within_m(place.positions_m[:, 0] - positions_m[frames, joints], reach_m)
+    place_m2 = off_m[:, :, None] * off_m[:, None] + _place_m2(place.positions_m, agree, sigma_px, reach_m, rig)
+    moment_m2[frames, joints] = np.where(as_many[:, None, None], place_m2 / 2, 0.0)  # it is as likely as the estimate
+    return moment_m2
+
+
+def _place_m2(
+    place_m: Float[np.ndarray, "point 1 3"],
+    agree: Bool[np.ndarray, "point camera 1"],
+    sigma_px: Float[np.ndarray, "point camera 1"],
+    reach_m: Float[np.ndarray, " point"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "point 3 3"]:
+    """Covariance of a place that these views show, no larger than the reach."""
+    rays = place_m[:, None] - rig.positions_m[:, None]
+    rays = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+    information = np.where(agree, (rig.px_per_m(place_m) / sigma_px) ** 2, 0.0)
+    across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
+    least = np.eye(3) / np.maximum(reach_m, ROUNDING)[:, None, None] ** 2
+    return np.linalg.inv(np.nan_to_num(np.einsum("pcj,pcjik->pik", information, across)) + least)
 
 
 def sole_view_errors_m2(
@@ -80,10 +129,7 @@ def other_explanations_m2(
         offset_m, ray = camera.position_m - positions_m, camera.ray(evidence.undistorted_px[:, number])
         to_ray_m = offset_m - np.sum(offset_m * ray, axis=-1, keepdims=True) * ray
         off_m[:, number] = np.where(rejected[:, number, :, None], to_ray_m, 0.0)
-    off_m = np.nan_to_num(off_m)
-    distance_m = np.linalg.norm(off_m, axis=-1)
-    reach_m = 2 * _longest_bones_m(positions_m, skeleton)[:, None]
-    off_m *= np.divide(reach_m, distance_m, out=np.ones_like(distance_m), where=distance_m > reach_m)[..., None]
+    off_m = _within_m(off_m, _reach_m(positions_m, skeleton)[:, None])
     # Each is as likely as the estimate.
     share = 1 / (1 + rejected.sum(axis=1))
     return share[..., None, None] * np.einsum("tcji,tcjk->tjik", off_m, off_m)
@@ -116,12 +162,18 @@ def taken_for_mirrored_m2(
     return moment_m2
 
 
-def _longest_bones_m(
-    positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton
-) -> Float[np.ndarray, "frame joint"]:
-    """The longest bone at each joint; 0 where there is none."""
+def _within_m(off_m: Float[np.ndarray, "*points 3"], reach_m: Float[np.ndarray, "*#points"]) -> np.ndarray:
+    """Shortened to what is in reach; 0 where they are not known."""
+    off_m = np.nan_to_num(off_m)
+    distance_m = np.linalg.norm(off_m, axis=-1)
+    reach_m = np.broadcast_to(reach_m, distance_m.shape)
+    return off_m * np.divide(reach_m, distance_m, out=np.ones_like(distance_m), where=distance_m > reach_m)[..., None]
+
+
+def _reach_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> Float[np.ndarray, "frame joint"]:
+    """How far from its estimate a joint may have swung: twice the longest bone at it; 0 where there is none."""
     longest_m, length_m = np.zeros(positions_m.shape[:2]), np.nan_to_num(skeleton.bone_lengths(positions_m))
     for bone, ends in enumerate(skeleton.bones):
         for joint in ends:
             longest_m[:, joint] = np.maximum(longest_m[:, joint], length_m[:, bone])
-    return longest_m
+    return 2 * longest_m
