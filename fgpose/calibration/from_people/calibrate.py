@@ -107,18 +107,18 @@ def calibrate_from_people(
     told()
     known = {name: GivenStart(0.0) for name in intrinsics.names} if synchronised else starts
     found = find_starts(tracks, people.skeleton, intrinsics, known)
-    walk = together(tracks, found, people.skeleton)
+    first = together(tracks, found, people.skeleton)
     told()
-    placed = _placed(walk, intrinsics.subset(walk.camera_names), parts)
+    placed = _placed(first, intrinsics.subset(first.camera_names), parts)
     told()
     adjusting = _adjusting(placed, focal, parts, clocks=not synchronised)
-    walk, adjusted, joints = adjusting.of_walker(walk, placed, everybody, found)
+    walk, adjusted, joints = adjusting.of_walker(first, placed, everybody, found)
     told()
     halves = adjusting.halves(walk, adjusted.rig)
     told()
     metric = to_metric(walk, adjusted.rig, joints, stature_m, _of_rig(measured, walk), _of_positions(adjusted))
     told()
-    result = _judged(walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
+    result = _judged(first, walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
     return result
 
@@ -223,6 +223,7 @@ def _estimate(adjusted: AdjustedWalk) -> RigEstimate:
 
 
 def _judged(
+    first: Walk,
     walk: Walk,
     starts: Starts,
     adjusted: AdjustedWalk,
@@ -233,9 +234,16 @@ def _judged(
     """With sigmas and verdict."""
     of_halves = None if halves is None else (_estimate(halves[0]), _estimate(halves[1]))
     whole = _estimate(adjusted).moved(metric.world_T_gauge)
-    sigmas = camera_sigmas(whole, of_halves, metric.scale.sigma, metric.vertical.sigma_deg, metric.floor_sigma_m)
+    focal_check = None if estimated_lenses else check_focal(adjusted.problem, adjusted.state)
+    of_lenses = None
+    if focal_check is not None:
+        nothing = np.zeros(adjusted.rig.n_cameras)
+        of_lenses = RigEstimate(adjusted.rig, focal_check.covariance, nothing, nothing).moved(metric.world_T_gauge)
+    of_world = metric.scale.sigma, metric.vertical.sigma_deg, metric.floor_sigma_m
+    sigmas = camera_sigmas(whole, of_halves, *of_world, of_lenses)
     doubtful = {finding.camera for finding in starts.findings}
     grounds = gather(
+        first,
         walk,
         metric,
         sigmas,
@@ -243,7 +251,7 @@ def _judged(
         _unused(walk, adjusted),
         estimated_lenses,
         np.array([name not in doubtful for name in metric.rig.names]),
-        None if estimated_lenses else check_focal(adjusted.problem, adjusted.state),
+        focal_check,
     )
     undistorted_px = metric.rig.undistort(walk.points2d_px)
     return CalibratedFromPeople(

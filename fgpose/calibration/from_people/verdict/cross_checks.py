@@ -9,17 +9,16 @@ from jaxtyping import Float
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import triangulate
-from fgpose_factors.robust_statistics import known_median
 
 _FEWEST = 6  # joints of a frame that tell by how much a body is turned and scaled
 
 
-def third_view_mrad(
+def third_views_mrad(
     undistorted_px: Float[np.ndarray, "frame camera joint 2"],
     confidence: Float[np.ndarray, "frame camera joint"],
     rig: CameraRig,
-) -> Float[np.ndarray, " camera"]:
-    """How far each camera sees the body from where the other cameras have it: median over the frames.
+) -> Float[np.ndarray, "camera frame"]:
+    """How far each camera sees the body from where the other cameras have it, frame by frame.
 
     Of each frame the part of the offsets counts that moves, turns or scales the whole body in the image: a detector
     places every joint somewhere else, depending on the view, and a wrong camera moves them all. Joints count by their
@@ -33,9 +32,9 @@ def third_view_mrad(
         rig: the cameras.
 
     Returns:
-        Milliradians; NaN where a camera never sees six joints of a frame that enough others see.
+        Milliradians; NaN where a camera does not see six joints that enough others see.
     """
-    return np.array([known_median(third_view_of(c, undistorted_px, confidence, rig)) for c in range(rig.n_cameras)])
+    return np.stack([third_view_of(c, undistorted_px, confidence, rig) for c in range(rig.n_cameras)])
 
 
 def third_view_of(
@@ -44,7 +43,7 @@ def third_view_of(
     confidence: Float[np.ndarray, "frame camera joint"],
     rig: CameraRig,
 ) -> Float[np.ndarray, " frame"]:
-    """third_view_mrad of one camera, frame by frame; NaN where that is not known."""
+    """third_views_mrad of one camera."""
     px = np.where(confidence[..., None] > 0, undistorted_px, np.nan)
     if rig.n_cameras == 2:
         return 1e3 * _out_of_plane_rad(camera, px, rig)

@@ -12,14 +12,16 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Camera
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.alignment import aligned
 from fgpose.calibration.from_people.verdict.coverage import Coverage, coverage
-from fgpose.calibration.from_people.verdict.cross_checks import cross_check_deg, third_view_mrad
+from fgpose.calibration.from_people.verdict.cross_checks import cross_check_deg, third_views_mrad
 from fgpose.calibration.from_people.verdict.handedness import handedness, mirrored_views
+from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera, moved_camera
 from fgpose.calibration.from_people.verdict.sigmas import disagreement
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.calibration.from_people.world.metric import Metric
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import is_of_another_size
+from fgpose_factors.robust_statistics import known_median
 
 _MIN_UNUSED = 25  # frames: with fewer the median of what was not used says less than all frames
 
@@ -33,7 +35,7 @@ class VerdictInputs:
     distance_m: Float[np.ndarray, " camera"]
     """From the person, median."""
     third_view_mrad: Float[np.ndarray, " camera"]
-    """cross_checks.third_view_mrad, of frames that were not used."""
+    """cross_checks.third_views_mrad, of frames that were not used: medians."""
     cross_check_deg: Float[np.ndarray, " camera"]
     """cross_checks.cross_check_deg."""
     halves_deg: Float[np.ndarray, " camera"]
@@ -57,11 +59,14 @@ class VerdictInputs:
     of_scale: tuple[CalibrationFinding, ...] = ()
     focal_check: FocalCheck | None = None
     """Of focal lengths that were given; None: not checked."""
+    moved: MovedCamera | None = None
+    """While it filmed."""
     off_centre: Bool[np.ndarray, " camera"] | None = None
     """Whose K seems to be for images of another size."""
 
 
 def gather(
+    first: Walk,
     walk: Walk,
     metric: Metric,
     sigmas: CameraSigmas,
@@ -74,7 +79,8 @@ def gather(
     """The inputs on which a calibration is judged.
 
     Args:
-        walk: that the calibration was made from.
+        first: as it was before views of somebody else were left out.
+        walk: that the calibration was made from, of the same frames.
         metric: the rig and the joints of the walk in the world.
         sigmas: of the cameras.
         halves: the rigs from the two halves of the recording, in any gauge; None: not halved.
@@ -88,11 +94,13 @@ def gather(
     halves_deg, halves_m = _halves(halves, rig)
     unknown = np.full(rig.n_cameras, np.nan)
     points3d_m = walk.points3d_m
+    views = rig.undistort(walk.points2d_px[judged]), walk.confidence[judged], rig
+    third_mrad = third_views_mrad(*views)
     return VerdictInputs(
         camera_names=rig.names,
         sigmas=sigmas,
         distance_m=_distances_m(walk, rig, joints_m),
-        third_view_mrad=third_view_mrad(rig.undistort(walk.points2d_px[judged]), walk.confidence[judged], rig),
+        third_view_mrad=np.array([known_median(own) for own in third_mrad]),
         cross_check_deg=unknown if points3d_m is None else cross_check_deg(points3d_m, joints_m, rig),
         halves_deg=halves_deg,
         halves_m=halves_m,
@@ -106,8 +114,17 @@ def gather(
         duration_s=float((walk.shows_walker.sum(axis=1) >= 2).sum()) * walk.step_s,
         of_scale=metric.scale.findings,
         focal_check=focal_check,
+        moved=moved_camera(walk.time_s[judged], *_all_shown(first, walk, judged), rig),
         off_centre=np.array([is_of_another_size(camera) for camera in rig.cameras]),
     )
+
+
+def _all_shown(first: Walk, walk: Walk, frames: Bool[np.ndarray, " frame"]) -> tuple[np.ndarray, np.ndarray]:
+    """Detections and their confidence in some frames; with views in which somebody was seen, but not where the walker
+    is."""
+    is_left_out = np.logical_not(np.any(walk.confidence > 0, axis=2))
+    points2d_px = np.where(is_left_out[..., None, None], first.points2d_px, walk.points2d_px)
+    return points2d_px[frames], np.where(is_left_out[..., None], first.confidence, walk.confidence)[frames]
 
 
 def _halves(

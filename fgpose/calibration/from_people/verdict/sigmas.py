@@ -115,6 +115,7 @@ def camera_sigmas(
     scale: float,
     vertical_deg: float,
     floor_m: float,
+    of_lenses: RigEstimate | None = None,
 ) -> CameraSigmas:
     """Standard deviations of the cameras about the centroid of the rig.
 
@@ -125,6 +126,7 @@ def camera_sigmas(
         scale: standard deviation of the scale, as a share.
         vertical_deg: standard deviation of the vertical.
         floor_m: of the floor.
+        of_lenses: the whole, with the errors that come of focal lengths that were given; None: there are none.
     """
     variances = whole.variances()
     if halves is None:
@@ -133,6 +135,8 @@ def camera_sigmas(
         first, second = (half.aligned(whole.rig) for half in halves)
         expected = first.variances().plus(second.variances())
         variances = variances.inflated(expected, disagreement(first.rig, second.rig))
+    if of_lenses is not None:
+        variances = variances.plus(of_lenses.variances())
     return CameraSigmas(
         position_m=np.sqrt(variances.position_m2),
         direction_deg=np.rad2deg(np.sqrt(variances.rotation_rad2)),

@@ -11,6 +11,7 @@ from walks import walk
 
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck, check_focal
 from fgpose.calibration.from_people.rig.walk_adjustment import adjust
+from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, disagreement
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_benchmarks.synthetic import DetectionNoise
 
@@ -44,3 +45,35 @@ def test_a_wrong_focal_length_would_change_back(ratio: float) -> None:
     assert check.change[1] == pytest.approx(-np.log(ratio), rel=0.33)
     assert np.abs(check.change).argmax() == 1
     assert abs(check.change[1]) > 5 * check.sigma[1]
+
+
+def test_how_probably_a_focal_length_is_wrong() -> None:
+    """By Bayes' rule: one in ten is, by a tenth; errors are twice as large as the independent ones that sigma is of."""
+    change, sigma = np.array([0.0, 0.04, 0.1, 0.3, 0.3]), np.array([0.01, 0.01, 0.01, 0.01, 0.06])
+    check = FocalCheck(change, sigma, np.zeros((5, 5, 6)))
+    if_right = 0.9 * np.exp(-(change**2) / (2 * 0.02**2)) / 0.02
+    if_wrong = 0.1 * np.exp(-(change**2) / (2 * (0.02**2 + 0.1**2))) / np.hypot(0.02, 0.1)
+    np.testing.assert_allclose(check.wrong[:4], (if_wrong / (if_right + if_wrong))[:4], rtol=1e-9)
+    assert check.wrong[4] == 0  # nothing is known of it
+    assert check.wrong[0] < 0.05 < 0.95 < check.wrong[2]
+
+
+def test_what_may_be_wrong_is_in_the_covariance_of_the_poses() -> None:
+    moves = np.random.default_rng(0).normal(0, 0.1, (2, 2, 6))
+    check = FocalCheck(np.array([0.0, 0.2]), np.full(2, 0.01), moves)
+    expected = sum(wrong * np.outer(each, each) for wrong, each in zip(check.wrong, moves.reshape(2, 12), strict=True))
+    np.testing.assert_allclose(check.covariance.reshape(12, 12), expected)
+
+
+@pytest.mark.slow
+def test_cameras_move_with_a_focal_length_as_they_are_off_by_it() -> None:
+    """The second camera is 8 % too long, which drags it; what is left of that is less than half."""
+    start, true = list(started(RIG, 1.0).cameras), started(RIG, 1.0)
+    start[1] = with_focal(start[1], 1.08)
+    filmed = walk(RIG, 600, DetectionNoise())
+    wrong, right = (adjust(filmed, rig, config=MORE) for rig in (CameraRig(tuple(start)), true))
+    check = check_focal(wrong.problem, wrong.state)
+    covariance = np.einsum("ci,dj->cidj", check.moves[1], check.moves[1])
+    moved = RigEstimate(wrong.rig, covariance, np.zeros(3), np.zeros(3)).aligned(right.rig).variances()
+    off = disagreement(wrong.rig, right.rig)
+    assert (off.position_m2[1] / moved.position_m2[1]) ** 0.5 == pytest.approx(1.0, abs=0.5)

@@ -11,6 +11,7 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Camera
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.coverage import Coverage
 from fgpose.calibration.from_people.verdict.inputs import VerdictInputs, gather
+from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera
 from fgpose.calibration.from_people.verdict.verdict import (
     findings,
     focal_undetermined,
@@ -29,6 +30,7 @@ from fgpose.calibration.from_people.verdict.verdict import (
 from fgpose.calibration.from_people.world.metric import to_metric
 
 NAMES = ("a", "b", "c")
+STILL = np.zeros((3, 3, 6))  # nothing moves
 NO_CAMERA = np.zeros(4, dtype=bool)
 NOBODY = np.zeros(3, dtype=bool)
 
@@ -96,6 +98,8 @@ def test_the_gravest_comes_first() -> None:
         ({"upright": 0.2}, "", Grade.COARSE, "20%"),
         ({"camera_tilt_deg": 85.0}, "", Grade.COARSE, "85 degrees"),
         ({"duration_s": 1.0}, "", Grade.COARSE, "1.0 s"),
+        ({"moved": MovedCamera(1, 15.0, 20.0, 85.0, 6.0)}, "b", Grade.COARSE, "from 15.0 to 20.0 s it sees"),
+        ({"moved": MovedCamera(None, 15.0, 20.0, 85.0, 6.0)}, "", Grade.COARSE, "some camera sees"),
         ({"of_scale": (CalibrationFinding("", Grade.COARSE, "a wrong stature", ""),)}, "", Grade.COARSE, "stature"),
     ],
 )
@@ -175,15 +179,15 @@ def test_what_holds_for_all_cameras_is_said_once() -> None:
 
 
 def test_a_focal_length_that_the_images_contradict() -> None:
-    check = FocalCheck(change=each(0.4, -0.25, 0.09), sigma=each(0.02, 0.02, 0.02))
+    check = FocalCheck(change=each(0.4, -0.25, 0.15), sigma=each(0.02, 0.02, 0.02), moves=STILL)
     graded = {finding.camera: finding.grade for finding in focal_wrong(NAMES, check)}
     assert graded == {"a": Grade.FAILED, "b": Grade.FAILED}  # the third follows the first
     assert not focal_wrong(NAMES, None)
     assert len(findings(replace(good(), focal_check=check))) == 2
-    (finding,) = focal_wrong(NAMES, FocalCheck(each(0.02, 0.0, -0.12), each(0.01, 0.01, 0.02)))
+    (finding,) = focal_wrong(NAMES, FocalCheck(each(0.02, 0.0, -0.12), each(0.01, 0.01, 0.02), STILL))
     assert (finding.camera, finding.grade) == ("c", Grade.COARSE)
     # Who stays in one place tells nothing of focal lengths.
-    assert not focal_wrong(NAMES, FocalCheck(each(0.8, 0.5, 0.1), each(0.06, 0.1, 0.08)))
+    assert not focal_wrong(NAMES, FocalCheck(each(0.8, 0.5, 0.1), each(0.06, 0.1, 0.08), STILL))
 
 
 def test_two_cameras_are_coarse() -> None:
@@ -207,7 +211,14 @@ def test_a_walker_gives_a_good_verdict() -> None:
     rng = np.random.default_rng(0)
     first, second = (moved(found.rig, rig_errors(found.rig, 0.02, rng)) for _ in range(2))
     inputs = gather(
-        case.walk, found, four_sigmas(), (first, second), np.arange(len(case.truth_m)) % 2 == 0, (), ~NO_CAMERA
+        case.walk,
+        case.walk,
+        found,
+        four_sigmas(),
+        (first, second),
+        np.arange(len(case.truth_m)) % 2 == 0,
+        (),
+        ~NO_CAMERA,
     )
     assert findings(inputs) == ()
     assert inputs.duration_s == pytest.approx(30.0, abs=0.1)
@@ -221,7 +232,9 @@ def test_a_camera_that_was_bumped_in_the_middle_fails() -> None:
     bumped = rig_errors(case.rig, 0.0, np.random.default_rng(0))
     bumped[1, 1] += np.deg2rad(6.0)
     found = to_metric(case.walk, moved(case.rig, bumped), case.joints_m, stature_m=1.7)
-    inputs = gather(case.walk, found, four_sigmas(), None, np.arange(len(case.truth_m)) % 2 == 0, (), ~NO_CAMERA)
+    inputs = gather(
+        case.walk, case.walk, found, four_sigmas(), None, np.arange(len(case.truth_m)) % 2 == 0, (), ~NO_CAMERA
+    )
     assert {(finding.camera, finding.grade) for finding in findings(inputs)} >= {("ring_1", Grade.FAILED)}
     assert np.isnan(inputs.halves_deg).all()
 
@@ -236,7 +249,7 @@ def test_somebody_who_lies_is_not_the_vertical() -> None:
     case = adjusted(10.0, 3)
     lying = case.joints_m @ np.array(gtsam.Rot3.Rx(np.pi / 2).matrix()).T
     found = to_metric(case.walk, case.rig, lying, stature_m=1.7)
-    inputs = gather(case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), (), ~NO_CAMERA)
+    inputs = gather(case.walk, case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), (), ~NO_CAMERA)
     assert any("lies" in finding.reason for finding in findings(inputs))
 
 
