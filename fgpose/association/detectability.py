@@ -4,6 +4,9 @@ Some show nobody, whoever is there: something stands before them, or their detec
 image that does not show somebody tells against that anybody is there, as long as it can be believed to see. Whether it
 does is decided as whether somebody is there: each time that two cameras agree on a body in its image tells, by whether
 it shows the body too.
+
+A camera that hangs shows people where they were: images that come again tell nothing while other cameras show something
+new.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.geometry.camera import CameraRig
+from fgpose.people_observations import Detections
 
 # A camera that should see a person detects them so often; less often where somebody before them may hide them.
 _DETECTED, _DETECTED_BEHIND = 0.9, 0.5
@@ -27,6 +31,27 @@ _LOW, _HIGH = 2 * np.log(_BLIND), -np.log(_BLIND)
 _MISSED_S = 0.3
 # Bounds what one image tells where a camera is asked for the first time.
 _FIRST_S = 0.1
+
+
+class FrozenCameras:
+    """Which of the cameras show the same again."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, Detections] = {}
+        self._shows_new: dict[str, bool] = {}
+
+    def without(self, images: Sequence[Detections]) -> list[Detections]:
+        """The images of a moment that are not what their camera showed before."""
+        repeated = set()
+        for image in images:
+            before = self._newest.get(image.camera)
+            if before is not None and image.repeats(before):
+                repeated.add(image.camera)
+            self._newest[image.camera] = image
+            self._shows_new[image.camera] = image.camera not in repeated and image.n_people > 0
+        if not any(self._shows_new.values()):
+            return list(images)
+        return [image for image in images if image.camera not in repeated]
 
 
 class Blind:

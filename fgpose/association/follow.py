@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.association.appearance import MeanAppearance, Resemblance
-from fgpose.association.detectability import Blind, detection_probability
+from fgpose.association.detectability import Blind, FrozenCameras, detection_probability
 from fgpose.association.founding import MAX_GAIN, Founded, found, found_alone
 from fgpose.association.identity import Builds, Likeness, Passage
 from fgpose.association.likelihood import padded
@@ -95,7 +95,7 @@ class Follower:
         self._n_tracks = self.n_people = 0
         self._lost = Lost(self._config.forget_s) if lost is None else lost
         self.resemblance = Resemblance()
-        self._blind = Blind(rig.names)
+        self._blind, self._frozen = Blind(rig.names), FrozenCameras()
         self.person_of_track: dict[int, int] = {}
         """Who each track is that is confirmed, or has ended with the newest images; people are counted from 0 as they
         are confirmed."""
@@ -121,10 +121,11 @@ class Follower:
         self._lost.remember(passages)
 
     def see(self, images: Sequence[Detections]) -> list[Sighting]:
-        """Take the next images, and say whom each shows.
+        """Take the next images, and say whom each shows that is not the one before again.
 
         Images of one call are taken to be of about one moment; of one camera there is at most one.
         """
+        images = self._frozen.without(images)
         if not images:
             return []
         moment = Moment.of(images, self.rig)

@@ -105,8 +105,9 @@ def associate(
     first: dict[int, tuple[int, PoseFilters]] = {}
     confirmed: dict[int, int] = {}
     for frame in range(len(recording)):
-        cameras, images = recording[frame]
-        for c, sighting in zip(cameras, follower.see(images), strict=True):
+        _, images = recording[frame]
+        for sighting in follower.see(images):
+            c = recording.rig.names.index(sighting.image.camera)
             first = {begun.track: (frame, begun.pose) for begun in sighting.begun} | first
             for track, detection, joint in sighting.joints():
                 seen.setdefault(track, []).append((frame, c, detection, joint))

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.association.recording import Association
+from fgpose.correspondences import NO_IMAGE
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.observations import Observations
+from fgpose.people_observations import Detections
 from fgpose.sampling import frames_per_second, stretches
 
 _FEWEST_JOINTS = 5
@@ -33,13 +38,16 @@ def repeats(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera"], Bool[
 
 def repeated_images(examined: Examined) -> list[Finding]:
     """Every second image, or one of six, is that before it."""
-    seen = examined.main
-    shares = [_share(seen.subset([name])) for name in seen.camera_names]
+    names, rate_hz = examined.rig.names, frames_per_second(examined.main.frame_time_s)
+    if examined.association is None:
+        shares = [_share(examined.main.subset([name])) for name in names]
+    else:
+        same, judged = _images_repeated(examined.association)
+        shares = [_share_of(*each) for each in zip(same.T, judged.T, strict=True)]
     found = [c for c, share in enumerate(shares) if share > _OFTEN]
-    rate_hz = frames_per_second(seen.frame_time_s)
-    if len(found) == seen.n_cameras and np.ptp(shares) < _REGULAR:
+    if len(found) == len(names) and np.ptp(shares) < _REGULAR:
         return [_repeated("", float(np.mean(shares)), rate_hz)]
-    return [_repeated(seen.camera_names[c], shares[c], rate_hz) for c in found]
+    return [_repeated(names[c], shares[c], rate_hz) for c in found]
 
 
 def _equal(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera joint"], Bool[np.ndarray, "frame camera joint"]]:
@@ -51,16 +59,21 @@ def _equal(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera joint"], 
 
 
 def _share(view: Observations) -> float:
-    """Of the images of one camera, without the times in which they stand still: how many repeat the one before."""
+    """Of the images of one camera: how many repeat the one before, if new ones do not show most joints where they
+    were."""
     same, judged = (each[:, 0] for each in repeats(view))
+    new = judged & ~same
+    both, equal = (each[new, 0].sum() for each in _equal(view))
+    return _share_of(same, judged) if equal < _FEW_EQUAL * both else 0.0
+
+
+def _share_of(same: Bool[np.ndarray, " frame"], judged: Bool[np.ndarray, " frame"]) -> float:
+    """Without the times in which they stand still; 0 where there is hardly one."""
+    same, judged = same.copy(), judged.copy()
     for first, end in stretches(same):
         if end - first > _LONGEST:
             same[first:end] = judged[first:end] = False
-    new = judged & ~same
-    if same.sum() < _FEWEST or not new.any():
-        return 0.0
-    both, equal = (each[new, 0].sum() for each in _equal(view))
-    return float(same.sum() / judged.sum()) if equal < _FEW_EQUAL * both else 0.0
+    return float(same.sum() / judged.sum()) if same.sum() >= _FEWEST and (judged & ~same).any() else 0.0
 
 
 def _repeated(camera: str, share: float, rate_hz: float) -> Finding:
@@ -85,15 +98,44 @@ def _repeated(camera: str, share: float, rate_hz: float) -> Finding:
 
 def frozen_cameras(examined: Examined) -> list[Finding]:
     """The same keypoints to the last digit for long."""
+    if examined.association is not None:
+        # Of whole images: what comes again is given to nobody.
+        names, time_s = examined.rig.names, examined.association.frames.frame_time_s
+        return _frozen(names, time_s, *_images_repeated(examined.association))
     found = []
     for person, seen in examined.people.items():
-        same, judged = repeats(seen)
-        for c, name in enumerate(seen.camera_names):
-            others = [o for o in range(seen.n_cameras) if o != c]
-            others_new = np.asarray((judged & ~same)[:, others].any(axis=1))
-            runs = _runs(same[:, c], others_new, seen.frame_time_s)
-            if runs:
-                found.append(_stands_still(name, runs, examined.number(person)))
+        found += _frozen(seen.camera_names, seen.frame_time_s, *repeats(seen), examined.number(person))
+    return found
+
+
+def _images_repeated(
+    association: Association,
+) -> tuple[Bool[np.ndarray, "frame camera"], Bool[np.ndarray, "frame camera"]]:
+    """As repeats, of everybody in each image."""
+    same, judged = np.zeros((2, *association.frames.image.shape), dtype=bool)
+    for c in range(same.shape[1]):
+        before: Detections | None = None
+        for frame in np.flatnonzero(association.frames.image[:, c] != NO_IMAGE).tolist():
+            image = association.observations.image(frame, c)
+            judged[frame, c] = before is not None and image.n_people > 0
+            same[frame, c] = before is not None and image.repeats(before)
+            before = image
+    return same, judged
+
+
+def _frozen(
+    names: Sequence[str],
+    time_s: Float[np.ndarray, " frame"],
+    same: Bool[np.ndarray, "frame camera"],
+    judged: Bool[np.ndarray, "frame camera"],
+    person: int | None = None,
+) -> list[Finding]:
+    found = []
+    for c, name in enumerate(names):
+        others_new = np.asarray(np.delete(judged & ~same, c, axis=1).any(axis=1))
+        runs = _runs(same[:, c], others_new, time_s)
+        if runs:
+            found.append(_stands_still(name, runs, person))
     return found
 
 
