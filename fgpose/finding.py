@@ -264,6 +264,18 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
 
 # Where it is said of several cameras together, it need not be said of each.
 _SAID_OF_ALL = frozenset({Code.EXCHANGED_SIDES})
+# With such a cause found, the keypoints of the camera are those of the person.
+_MAKES_SOMEBODY_ELSE = frozenset(
+    {
+        Code.IMAGE_SIZE,
+        Code.NORMALISED,
+        Code.TURNED_IMAGE,
+        Code.MIRRORED_IMAGE,
+        Code.EXCHANGED_CAMERAS,
+        Code.CAMERA_AXES,
+        Code.FRAME_ORDER,
+    }
+)
 # Of one camera these are the same: what disagrees is taken for hallucinated. The first is the one that is said.
 _THE_SAME = (Code.DISAGREEING_CAMERA, Code.HALLUCINATING_CAMERA)
 
@@ -301,10 +313,13 @@ def _with_severity_of_explained(cause: Finding, grave: list[Finding]) -> Finding
 
 
 def _says_more(other: Finding, each: Finding, order: list[Severity]) -> bool:
-    """Whether the one is of several cameras, the other the same of one of them; or both say the same of one camera."""
+    """Whether the one is of several cameras, the other the same of one of them; or both say the same of one camera, or
+    the one why it seems to show somebody else."""
     severer, severe = order.index(other.severity), order.index(each.severity)
     if not each.camera:
         return False
+    if each.code is Code.OTHER_PERSON and other.code in _MAKES_SOMEBODY_ELSE:
+        return other.camera in ("", each.camera)
     if other.code is each.code:
         return each.code in _SAID_OF_ALL and not other.camera and severer <= severe
     if other.camera != each.camera or not {other.code, each.code} <= set(_THE_SAME):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice, product
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +24,7 @@ _ABOUT_AS_MUCH, _SOME_IMAGES = 0.8, 200
 # In so many of its images a camera shows somebody, and in so few of these somebody who is followed. In a mirrored
 # image people may fit for a quarter of the time: while they are in its middle.
 _SHOWS, _SELDOM = 0.5, 0.5
+_CANDIDATES, _COMBINATIONS = 2, 8  # of those whom a camera sees most, and of such of several cameras
 _REGION = re.compile(r"(?P<camera>.+):(?P<numbers>[^:]+)")
 
 
@@ -176,7 +178,7 @@ def _by_rank(association: Association, rank: int) -> Chosen:
     order = ranked(association)
     seen = association.people[order[rank].person].in_frames(len(association.frames.image))
     reason = f"number {rank} of them" if rank else _reason(order, association.rig.n_cameras)
-    return Chosen(seen, n_people, reason, with_unfollowed(association, seen))
+    return Chosen(seen, n_people, reason, next(with_unfollowed(association, seen), None))
 
 
 def _reason(order: Sequence[Candidate], n_cameras: int) -> str:
@@ -224,9 +226,10 @@ def of_camera_alone(people: PeopleObservations, rig: CameraRig, camera: int) -> 
     return [seen.in_frames(len(frames.image)) for seen in associate(own, rig).people.values()]
 
 
-def with_unfollowed(association: Association, person: Seen) -> Seen | None:
-    """Somebody, in all frames; in cameras in most of whose images nobody is followed although they show people, the one
-    whom each sees most: with a wrong calibration people do not fit. None where there is no such camera.
+def with_unfollowed(association: Association, person: Seen) -> Iterator[Seen]:
+    """Somebody, in all frames; in cameras in most of whose images nobody is followed although they show people, one of
+    those whom they see most: with a wrong calibration people do not fit. First the one whom each sees most, then the
+    others: who is seen most by one camera need not be by another. Nothing where there is no such camera.
 
     Args:
         association: who is who.
@@ -234,12 +237,14 @@ def with_unfollowed(association: Association, person: Seen) -> Seen | None:
     """
     cameras = unfollowed(association)
     if not cameras:
-        return None
-    seen = Seen(person.first_frame, person.detection.copy(), person.joint.copy())
-    for camera in cameras:
-        for alone in of_camera_alone(association.observations, association.rig, camera)[:1]:
-            seen.detection[:, camera], seen.joint[:, camera] = alone.detection[:, 0], alone.joint[:, 0]
-    return seen
+        return
+    alone = [of_camera_alone(association.observations, association.rig, c)[:_CANDIDATES] for c in cameras]
+    for chosen in islice(product(*((own or [None]) for own in alone)), _COMBINATIONS):
+        seen = Seen(person.first_frame, person.detection.copy(), person.joint.copy())
+        for c, own in zip(cameras, chosen, strict=True):
+            if own is not None:
+                seen.detection[:, c], seen.joint[:, c] = own.detection[:, 0], own.joint[:, 0]
+        yield seen
 
 
 def unfollowed(association: Association) -> list[int]:
@@ -263,7 +268,7 @@ def _in_region(association: Association, region: PersonRegion) -> Chosen:
     if wanted is None:
         raise ValueError(f"region {region}: no other camera agrees on the person who is there")
     reason = f"the one in {region}"
-    return Chosen(wanted, len(association.people), reason, with_unfollowed(association, wanted))
+    return Chosen(wanted, len(association.people), reason, next(with_unfollowed(association, wanted), None))
 
 
 def _detection_in(people: PeopleObservations, rig: CameraRig, region: PersonRegion) -> tuple[int, int, int]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.assessment.recording_info import RecordingInfo, recording_info
+from fgpose.association.chosen_person import unfollowed
 from fgpose.association.recording import Association
 from fgpose.calibration.everybody import each_person
 from fgpose.config import Config
@@ -101,6 +102,12 @@ class Examined:
     def main_person(self) -> int:
         """Who is seen most."""
         return max(self.people, key=lambda person: int(self.people[person].seen.sum()))
+
+    @cached_property
+    def unfollowed(self) -> list[str]:
+        """Cameras in most of whose images nobody is followed although they show people, where several were told
+        apart."""
+        return [] if self.association is None else [self.rig.names[c] for c in unfollowed(self.association)]
 
     def in_words(self, cameras: Sequence[str]) -> str:
         """These cameras, at least one."""

@@ -41,6 +41,10 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
         raise NotJudgedError("there is one camera")
     if examined.geometry.explanation is not None:
         raise NotJudgedError("the calibration does not fit the keypoints")
+    followed = [name for name in examined.rig.names if name not in examined.unfollowed]
+    if 2 <= len(followed) < examined.rig.n_cameras:
+        # What fits somebody in a few images of the others does so by chance.
+        return moved_and_late_cameras(examined.with_cameras(followed))
     elsewhere = {c for c, odd in examined.geometry.odd if odd.why in _NOT_OF_THIS_TIME}
     kept, whole = [c for c in range(examined.rig.n_cameras) if c not in elsewhere], examined
     if elsewhere:

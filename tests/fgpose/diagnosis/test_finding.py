@@ -38,6 +38,14 @@ def test_the_severest_and_weightiest_comes_first_and_nothing_twice() -> None:
     assert most_important([note, late, later, wrong, late]) == (wrong, later, late, note)
 
 
+def test_whose_images_are_mirrored_does_not_show_somebody_else() -> None:
+    mirrored = found(Code.MIRRORED_IMAGE, Severity.WRONG, camera="a")
+    own, others = (found(Code.OTHER_PERSON, Severity.WRONG, camera=name) for name in "ab")
+    assert most_important([own, mirrored, others]) == (mirrored, others)
+    exchanged = found(Code.EXCHANGED_CAMERAS, Severity.WRONG)
+    assert most_important([own, exchanged, others]) == (exchanged,)
+
+
 def test_kinds_do_not_explain_each_other_away() -> None:
     # CycleError names those that do.
     assert set(TopologicalSorter(EXPLAINS).static_order()) >= EXPLAINS.keys()

@@ -13,8 +13,9 @@ import pytest
 import fgpose
 from fgpose.association.chosen_person import PersonRegion, unfollowed
 from fgpose.association.recording import associate
-from fgpose.finding import Code
-from fgpose.people_observations import PeopleObservations
+from fgpose.correspondences import NOBODY
+from fgpose.finding import Code, Severity
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.pipeline import Source
 from fgpose_benchmarks.synthetic import SimulatedClocks, SimulatedNetwork, WalkScene, film, ring_rig, walkers
 
@@ -44,6 +45,41 @@ def test_what_is_wrong_of_a_camera_is_told_of_people_too() -> None:
     assert found[0].code is Code.IMAGE_SIZE
     assert "keypoints of ring_1 are of images of another size" in found[0].reason
     assert Code.BLIND_CAMERA not in {each.code for each in found}
+
+
+@pytest.mark.slow
+def test_cameras_that_are_exchanged_show_the_same_person() -> None:
+    """Each sees somebody else most: another one of the two must be tried."""
+    scene, other = two_walkers(), {"ring_0": "ring_1", "ring_1": "ring_0"}
+    images = (replace(each, camera=other.get(each.camera, each.camera)) for each in scene.observations.images)
+    exchanged = PeopleObservations(scene.observations.skeleton, scene.observations.camera_names, tuple(images))
+    found = fgpose.diagnose(exchanged, scene.rig).findings
+    assert found[0].code is Code.EXCHANGED_CAMERAS
+    assert "ring_0 and ring_1 are exchanged" in found[0].reason
+    assert Code.OTHER_PERSON not in {each.code for each in found}
+
+
+def test_a_camera_that_hangs_shows_nobody_in_the_wrong_place() -> None:
+    """Its rays to where people were founded tracks of nobody, and the people got new numbers."""
+    scene, last = two_walkers(), dict[str, Detections]()
+
+    def hung(image: Detections) -> Detections:
+        if image.camera == "ring_1" and image.time_s > 2.0:
+            return last["ring_1"].at(image.time_s)
+        last[image.camera] = image
+        return image
+
+    images = tuple(hung(image) for image in scene.observations.images)
+    association = associate(PeopleObservations(scene.observations.skeleton, scene.rig.names, images), scene.rig)
+    assert len(association.people) == 2
+    assert {event.what for event in association.events} == {"confirmed"}
+    after = int(np.searchsorted(association.frames.frame_time_s, 2.1))
+    for seen in association.people.values():
+        assert (seen.in_frames(len(association.frames.image)).detection[after:, 1] == NOBODY).all()
+    (finding,) = [each for each in fgpose.diagnose(association, scene.rig).findings if each.severity is Severity.WRONG]
+    assert (finding.code, finding.camera) == (Code.FROZEN_CAMERA, "ring_1")
+    assert finding.from_s == pytest.approx(2.0, abs=0.1)
+    assert finding.to_s == pytest.approx(6.0, abs=0.1)
 
 
 @pytest.mark.slow
