@@ -224,7 +224,9 @@ def _diagnosed(examined: Examined) -> Diagnosis:
             hand_back()
     judged = tuple(what for what in INPUT_CHECKS if what not in not_judged)
     if examined.result is not None:
-        found += [*_of_result(examined.result), *examined.result.known_findings]
+        # Which images there are, and so how much of them a camera shows, the result does not tell.
+        of_result = [each for each in _of_result(examined.result) if each.code is not Code.BLIND_CAMERA]
+        found += [*of_result, *examined.result.known_findings]
         judged = (*judged, "result")
     return Diagnosis(most_important(found), judged, not_judged)
 

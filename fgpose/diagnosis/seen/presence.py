@@ -111,21 +111,37 @@ def _listed(intervals: list[Interval]) -> str:
 
 
 def blind(examined: Examined) -> list[Finding]:
-    """Cameras that see little."""
-    shares = of_whole_cameras(examined.rig.names, examined.seen.mean(axis=(0, 2)).tolist())
-    return [
-        Finding(
-            Code.BLIND_CAMERA,
-            Severity.NOTE,
-            f"{name} sees only {100 * share:.0f} % of the joints",
-            "Look at its images: is the person in them, and not hidden?",
-            0.2 * (1 - share),
-            camera=name,
-            numbers={"share": share},
-        )
-        for name, share in shares.items()
-        if share < _FEW_SEEN
-    ]
+    """Cameras that see little in their images, or show people whom nobody else sees."""
+    shares = of_whole_cameras(examined.rig.names, _shares_seen(examined).tolist())
+    return [_blind(name, share, name in examined.unfollowed) for name, share in shares.items() if share < _FEW_SEEN]
+
+
+def _blind(name: str, share: float, is_unfollowed: bool) -> Finding:
+    """Of a camera that sees so much; and whether its images show people, and mostly none who is followed."""
+    reason, remedy = f"{name} sees only {100 * share:.0f} % of the joints", "is the person in them, and not hidden?"
+    if is_unfollowed:
+        reason += ", and most of its images show people whom other cameras do not see there"
+        remedy = "do they show somebody else? If not, was it moved, is it late, or is its calibration another camera's?"
+    return Finding(
+        Code.BLIND_CAMERA,
+        Severity.NOTE,
+        reason,
+        f"Look at its images: {remedy}",
+        0.2 * (1 - share),
+        camera=name,
+        numbers={"share": share},
+    )
+
+
+def _shares_seen(examined: Examined) -> Float[np.ndarray, " camera"]:
+    """Of the joints of everybody, in the images that each camera has: those of one rate and those of another make
+    frames together. NaN where it has none."""
+    seen, of_images = np.zeros((2, examined.rig.n_cameras))
+    for own in examined.sampled.values():
+        has_image = np.isfinite(np.broadcast_to(own.time_s.T, (own.n_cameras, own.n_frames)).T)
+        seen += (own.seen & has_image[..., None]).sum(axis=(0, 2))
+        of_images += own.seen.shape[2] * has_image.sum(axis=0)
+    return np.divide(seen, of_images, out=np.full_like(seen, np.nan), where=of_images > 0)
 
 
 def never_seen(examined: Examined) -> list[Finding]:

@@ -109,6 +109,17 @@ def test_an_image_that_stands_still(seen, rig) -> None:
     assert finding.to_s == pytest.approx(119 / 30)
 
 
+def test_a_camera_of_a_lower_rate_is_not_blind(seen, rig) -> None:
+    """Two of three frames have no image of it, and none that shows nobody."""
+    time_s = np.repeat(seen.time_s[:, None], rig.n_cameras, axis=1)
+    without = np.arange(seen.n_frames) % 3 > 0
+    hidden = np.zeros(seen.confidence.shape, dtype=bool)
+    hidden[without, 0] = True
+    assert blind(Examined.of(seen.without(hidden), rig))[0].numbers["share"] < 0.4
+    time_s[without, 0] = np.nan
+    assert blind(Examined.of(replace(seen.without(hidden), time_s=time_s), rig)) == []
+
+
 def test_a_camera_that_was_bumped_is_not_blind(seen, rig) -> None:
     """On the common clock it is two, each of which sees its part of the time."""
     moved = replace(rig.cameras[0], moves=((2.5, rig.cameras[0].world_T_camera),))
