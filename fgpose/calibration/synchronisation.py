@@ -67,7 +67,9 @@ def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
 
 
 def _with_remedy(finding: CalibrationFinding) -> CalibrationFinding:
-    """What helps with a rig whose poses are known."""
+    """What helps with a rig whose poses are known, where the motion does not tell."""
+    if "walk" not in finding.remedy and "--synchronised" not in finding.remedy:
+        return finding
     ambiguous = finding.remedy.startswith(AMBIGUOUS_REMEDY)
     return replace(finding, remedy=f"{AMBIGUOUS_REMEDY}; {_CUT}" if ambiguous else f"{_WALK}; {_CUT}")
 

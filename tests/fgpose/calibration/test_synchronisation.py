@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -8,9 +9,10 @@ import pytest
 
 from fgpose.calibration.synchronisation import synchronise
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people_observations import PeopleObservations
-from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
+from fgpose.people_observations import Detections, PeopleObservations
+from fgpose_benchmarks.synthetic import embedded_motion, find_studio, ring_rig
 from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
+from fgpose_benchmarks.synthetic.crowd.walkers import walkers
 from fgpose_benchmarks.synthetic.uncalibrated import SimulatedClocks, SimulatedNetwork, WalkScene, film
 
 H36M = load_skeleton("h36m_17")
@@ -77,6 +79,49 @@ def test_a_camera_that_filmed_something_else_is_left_out() -> None:
 
 
 @pytest.mark.slow
+def changed(people: PeopleObservations, change: Callable[[Detections], Detections]) -> PeopleObservations:
+    images = sorted(map(change, people.images), key=lambda each: each.time_s)
+    return PeopleObservations(people.skeleton, people.camera_names, tuple(images))
+
+
+def mirrored(image: Detections) -> Detections:
+    """A picture of cam_2 as front cameras show it: the network takes left for right."""
+    if image.camera != "cam_2":
+        return image
+    mirror, width_px = H36M.mirror, find_studio("ring_4").rig.cameras[1].size_px[0]
+    points_px = image.points2d_px[:, mirror] * [-1.0, 1.0] + [width_px - 1.0, 0.0]
+    return replace(image, points2d_px=points_px, confidence=image.confidence[:, mirror])
+
+
+def slow(image: Detections) -> Detections:
+    return image.at(image.time_s * 25 / 30) if image.camera == "cam_2" else image
+
+
+def exchanged(image: Detections) -> Detections:
+    return replace(image, camera={"cam_2": "cam_3", "cam_3": "cam_2"}.get(image.camera, image.camera))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (mirrored, "its picture seems to be mirrored"),
+        (slow, "its frame rate seems to be 0.833 of what its times say"),
+        (exchanged, "its images seem to be those of cam_3"),
+    ],
+)
+def test_why_a_camera_fits_at_no_moment(change: Callable[[Detections], Detections], words: str) -> None:
+    """To walk about again would not help."""
+    studio = find_studio("ring_4")
+    motion = walkers(studio.floor_m, 20.0, 1, "walks", 1, "test")
+    network = SimulatedNetwork(real=("openpose",), in_3d=False)
+    scene = film(motion, studio.rig, 1, network, SimulatedClocks(max_start_s=5.0))
+    found = synchronise(changed(scene.observations, change), scene.rig)
+    finding = next(each for each in found.findings if each.camera == "cam_2")
+    assert words in finding.reason
+    assert "walk" not in finding.remedy
+
+
 def test_nobody_who_moves_gives_no_start() -> None:
     scene = filmed("cmu_02_05", 15.0, still=True)
     with pytest.raises(ValueError, match=r"not found when the cameras began: .*ring_0.*hardly moves"):

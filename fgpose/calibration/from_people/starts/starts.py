@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -12,8 +13,9 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.starts.clocks import ClockShift, solve_clocks
 from fgpose.calibration.from_people.starts.epipolar_shift import RATE_SIGMA, EpipolarShift, fit_epipolar_shift
-from fgpose.calibration.from_people.starts.joining import join_cameras
+from fgpose.calibration.from_people.starts.joining import Joining, join_cameras
 from fgpose.calibration.from_people.starts.motion_signals import motion_signals
+from fgpose.calibration.from_people.starts.other_causes import Join, other_cause
 from fgpose.calibration.from_people.starts.placed_joining import join_placed
 from fgpose.calibration.from_people.starts.start_findings import about_clock, nobody, not_joined, same_camera
 from fgpose.calibration.from_people.starts.views import View
@@ -102,23 +104,44 @@ def find_starts(
     """
     names, given = intrinsics.names, dict(given or {})
     _check(tracks, names, given)
-    views = [View.of(track, camera, placed=placed) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
+    given_s = {names.index(name): start.offset_s for name, start in given.items()}
+
+    def join(tracks: Sequence[Track], known_s: Mapping[int, float]) -> Joining:
+        views = _views(tracks, intrinsics, placed=placed)
+        if placed:
+            return join_placed(views, known_s)
+        return join_cameras([motion_signals(track, skeleton) for track in tracks], views, known_s)
+
+    views = _views(tracks, intrinsics, placed=placed)
     findings = [nobody(name) for name, track in zip(names, tracks, strict=True) if not len(track.time_s)]
     if all(name in given and given[name].sigma_s == 0 for name in names):
         return _as_given(names, given, views, findings)
-    signals = [motion_signals(track, skeleton) for track in tracks]
-    moves = float(np.median([each.moves for each, track in zip(signals, tracks, strict=True) if len(track.time_s)]))
-    given_s = {names.index(name): start.offset_s for name, start in given.items()}
-    joining = join_placed(views, given_s) if placed else join_cameras(signals, views, given_s)
-    for c, name in enumerate(names):
-        if c not in joining.offsets_s and len(tracks[c].time_s):
-            findings.append(
-                not_joined(name, signals[c], joining.joined.get(c), moves, nobody_joined=not joining.offsets_s)
-            )
+    joining = join(tracks, given_s)
+    findings += _not_joined(tracks, joining, intrinsics, skeleton, partial(join, known_s=joining.offsets_s))
     shifts = _pair_shifts(views, joining.offsets_s)
     doubles = same_camera(names, views, joining.offsets_s)
     trusted = [c for c in sorted(joining.offsets_s) if names[c] not in {finding.camera for finding in doubles}]
     return _solved(names, trusted, {**_as_shifts(names, given), **shifts}, tracks, [*findings, *doubles])
+
+
+def _views(tracks: Sequence[Track], intrinsics: CameraRig, *, placed: bool) -> list[View]:
+    return [View.of(track, camera, placed=placed) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
+
+
+def _not_joined(
+    tracks: Sequence[Track], joining: Joining, intrinsics: CameraRig, skeleton: Skeleton, join: Join
+) -> list[CalibrationFinding]:
+    """Why cameras that see somebody have not joined."""
+    missing = [c for c, track in enumerate(tracks) if c not in joining.offsets_s and len(track.time_s)]
+    if not missing:
+        return []
+    signals = {c: motion_signals(track, skeleton) for c, track in enumerate(tracks) if len(track.time_s)}
+    moves, nobody_joined = float(np.median([each.moves for each in signals.values()])), not joining.offsets_s
+    return [
+        other_cause(c, tracks, joining.offsets_s, intrinsics, skeleton, join)
+        or not_joined(intrinsics.names[c], signals[c], joining.joined.get(c), moves, nobody_joined=nobody_joined)
+        for c in missing
+    ]
 
 
 def _check(tracks: Sequence[Track], names: tuple[str, ...], given: Mapping[str, GivenStart]) -> None:
