@@ -25,12 +25,13 @@ from fgpose.calibration.from_people.starts.starts import GivenStart, Starts, fin
 from fgpose.calibration.from_people.starts.together import together
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
+from fgpose.calibration.from_people.verdict.alignment import aligned
 from fgpose.calibration.from_people.verdict.inputs import gather
 from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, camera_sigmas
 from fgpose.calibration.from_people.verdict.verdict import findings
 from fgpose.calibration.from_people.walk import SHORT_S, Track, Walk
 from fgpose.calibration.from_people.world.metric import Metric, to_metric
-from fgpose.calibration.from_people.world.scale import MeasuredDistance, check_stature
+from fgpose.calibration.from_people.world.scale import MeasuredDistance, body_sigma, check_stature
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import BLOCK_PX
 from fgpose.geometry.triangulation import triangulate_robust
@@ -116,7 +117,9 @@ def calibrate_from_people(
     told()
     halves = adjusting.halves(walk, adjusted.rig)
     told()
-    metric = to_metric(walk, adjusted.rig, joints, stature_m, _of_rig(measured, walk), _of_positions(adjusted))
+    of_body = 0.0 if halves is None else _body_sigma(joints, adjusted.rig, halves)
+    distances_m = _of_rig(measured, walk)
+    metric = to_metric(walk, adjusted.rig, joints, stature_m, distances_m, _of_positions(adjusted), of_body)
     told()
     result = _judged(first, walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
@@ -216,6 +219,15 @@ def _of_positions(adjusted: AdjustedWalk) -> Float[np.ndarray, "camera 3 camera 
     rotations = np.stack([camera.world_T_camera[:3, :3] for camera in adjusted.rig.cameras])
     own = adjusted.covariance[:, TRANSLATION, :, TRANSLATION]
     return np.einsum("cij,cjdk,dlk->cidl", rotations, own, rotations)
+
+
+def _body_sigma(
+    joints: Float[np.ndarray, "frame joint 3"], rig: CameraRig, halves: tuple[AdjustedWalk, AdjustedWalk]
+) -> float:
+    """See fgpose.calibration.from_people.world.scale.body_sigma."""
+    of_halves = [_joints(half.walk, aligned(half.rig, rig)[0].rig(half.rig)) for half in halves]
+    lengths = halves[0].walk.skeleton.bone_lengths
+    return body_sigma(lengths(joints), [lengths(own) for own in of_halves])
 
 
 def _estimate(adjusted: AdjustedWalk) -> RigEstimate:

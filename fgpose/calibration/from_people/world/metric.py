@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +16,7 @@ from fgpose.calibration.from_people.world.scale import (
     MeasuredDistance,
     Scale,
     adult_cue,
+    body_uncertain,
     distance_cue,
     fuse,
     network_cue,
@@ -45,10 +46,14 @@ class Metric:
     """In the gauge."""
     floor: Floor
     """In the gauge and its unit."""
+    body_sigma: float = 0.0
+    """Standard deviation of the size of the body in the gauge, as a share of it."""
 
     @property
     def floor_sigma_m(self) -> float:
-        return self.scale.factor * self.floor.sigma
+        """Of the height of the cameras above it, which the size of the body tells."""
+        high_m = float(np.median(self.rig.positions_m[:, 2]))
+        return float(np.hypot(self.scale.factor * self.floor.sigma, self.body_sigma * high_m))
 
 
 def to_metric(
@@ -58,6 +63,7 @@ def to_metric(
     stature_m: float | None = None,
     distances: Sequence[MeasuredDistance] = (),
     covariance: Float[np.ndarray, "camera 3 camera 3"] | None = None,
+    body_sigma: float = 0.0,
 ) -> Metric:
     """Find scale, vertical and floor, and take rig and joints to the world.
 
@@ -68,6 +74,7 @@ def to_metric(
         stature_m: of the walker, without shoes; None: unknown.
         distances: measured between cameras.
         covariance: of the positions of the cameras, in the gauge; for the sigma of a distance.
+        body_sigma: of the size of the body in the gauge, as a share of it; see scale.body_sigma.
 
     Raises:
         ValueError: the skeleton lacks legs, no frame shows them all, a distance names an unknown camera, or the stature
@@ -84,11 +91,14 @@ def to_metric(
     cues = [distance_cue(distance, rig, covariance) for distance in distances]
     if stature_m is not None:
         heads = _heads(joints_m, walk.time_s, vertical, floor, anatomy)
-        cues += stature_cues(stature_m, joints_m, heads, anatomy)
-    network = None if walk.points3d_m is None else network_cue(walk.points3d_m, joints_m, anatomy)
-    scale = fuse(cues, network) if cues else fuse([network or adult_cue(joints_m, anatomy)])
+        cues += [each.of_body(body_sigma) for each in stature_cues(stature_m, joints_m, heads, anatomy)]
+    found = None if walk.points3d_m is None else network_cue(walk.points3d_m, joints_m, anatomy)
+    network = None if found is None else found.of_body(body_sigma)
+    scale = fuse(cues, network) if cues else fuse([network or adult_cue(joints_m, anatomy).of_body(body_sigma)])
+    if not distances:
+        scale = replace(scale, findings=(*scale.findings, *body_uncertain(body_sigma)))
     similarity = _world_T_gauge(rig.cameras[0], vertical.up, floor.height, scale.factor)
-    return Metric(similarity.rig(rig), similarity.of(joints_m), similarity, scale, vertical, floor)
+    return Metric(similarity.rig(rig), similarity.of(joints_m), similarity, scale, vertical, floor, body_sigma)
 
 
 def _heads(

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.geometry.camera import CameraRig
-from fgpose_factors.robust_statistics import weighted_median
+from fgpose_factors.robust_statistics import known_median, weighted_median
 
 # Of adults the mean over both sexes, and their standard deviation (coefficient of variation 4.5 %, and 4 % between the
 # sexes): where nothing else is known.
@@ -27,7 +27,9 @@ _DISTANCE_SIGMA = 0.005
 # Of a stature that is told: 10 mm in the course of the day and by the shoes.
 _STATURE_SIGMA_M = 0.01
 _STATURES_M = (0.7, 2.5)
+
 _CONTRADICTION = 3.0  # standard deviations: by chance in one of 370
+_COARSE_BODY = 0.03  # 1 % at most with cameras around the person, 4 % and more with four that are 0.6 m apart
 _HEAD_CENTILE = 0.95
 
 
@@ -70,6 +72,10 @@ class ScaleCue:
     remedy: str = ""
     """What to check if it contradicts the others."""
 
+    def of_body(self, body_sigma: float) -> ScaleCue:
+        """With what is not known of the size of the body in the gauge."""
+        return replace(self, sigma=float(np.hypot(self.sigma, body_sigma)))
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -111,6 +117,34 @@ def stature_cues(
     by_head = ScaleCue(name, stature_m * anatomy.head.height / high, float(np.hypot(anatomy.head.sigma, told)), remedy)
     contradict = bool(fuse([by_head, by_segments]).findings)
     return (by_head, by_segments) if contradict else (by_head,)
+
+
+def body_sigma(lengths: Float[np.ndarray, "frame bone"], of_halves: Sequence[Float[np.ndarray, "_half bone"]]) -> float:
+    """Standard deviation of the size of the body in the gauge of a rig, as a share of it: how much larger the halves of
+    a recording have it, beside rigs of their own that were laid on it. Where all cameras look from nearly the same
+    side, the body may be larger and farther away.
+
+    Args:
+        lengths: of the bones, in the gauge; NaN = not known.
+        of_halves: the same of the frames of each half, in its rig.
+    """
+    typical = _median_lengths(lengths)
+    changes = [known_median(np.log(_median_lengths(own) / typical)) for own in of_halves]
+    # Two numbers tell a variance to within a factor of two; this is twice what is expected of it.
+    return float(np.sqrt(np.nansum(np.square(changes))))
+
+
+def _median_lengths(lengths: Float[np.ndarray, "frame bone"]) -> Float[np.ndarray, " bone"]:
+    return np.array([known_median(own) for own in lengths.T])
+
+
+def body_uncertain(sigma: float) -> tuple[CalibrationFinding, ...]:
+    """That the scale follows from the size of a body that is known so well."""
+    if sigma <= _COARSE_BODY:
+        return ()
+    reason = f"how far apart the cameras are, in sizes of the body, is known to {sigma:.0%} only"
+    remedy = "measure the distance between two cameras (--distance), or put them farther apart"
+    return (CalibrationFinding("", Grade.COARSE, reason, remedy),)
 
 
 def check_stature(stature_m: float) -> None:

@@ -207,3 +207,20 @@ def test_one_frame_has_a_vertical_and_a_floor() -> None:
     found = to_metric(walk, adjusted(10.0, 1).true_rig, truth_m[:1])
     assert found.scale.source == "an adult's mean stature"
     assert np.isfinite(found.joints_m).all()
+
+
+def test_a_body_whose_size_is_not_known_tells_less_of_the_scale_and_the_floor() -> None:
+    """Where all cameras look from one side, it may be larger and farther away; a measured distance does not care."""
+    case = adjusted(seed=1)
+    sure, unsure = (
+        to_metric(case.walk, case.rig, case.joints_m, stature_m=1.7, body_sigma=sigma) for sigma in (0.0, 0.1)
+    )
+    assert unsure.scale.sigma == pytest.approx(np.hypot(sure.scale.sigma, 0.1))
+    height_m = np.median(sure.rig.positions_m[:, 2])
+    assert unsure.floor_sigma_m == pytest.approx(np.hypot(sure.floor_sigma_m, 0.1 * height_m))
+    (finding,) = unsure.scale.findings
+    assert "known to 10% only" in finding.reason
+    assert not sure.scale.findings
+    known = to_metric(case.walk, case.rig, case.joints_m, distances=[measured(case)], body_sigma=0.1)
+    assert known.scale.sigma < 0.05
+    assert not known.scale.findings

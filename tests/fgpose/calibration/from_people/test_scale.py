@@ -10,6 +10,7 @@ from fgpose.calibration.from_people.world.scale import (
     MeasuredDistance,
     ScaleCue,
     adult_cue,
+    body_sigma,
     distance_cue,
     fuse,
     network_cue,
@@ -172,3 +173,11 @@ def test_a_skeleton_without_legs_has_no_anatomy() -> None:
 
     with pytest.raises(ValueError, match="no joint 'left_hip'"):
         Anatomy(Skeleton("hand", ("wrist", "thumb"), ((0, 1),), (0,)))
+
+
+def test_halves_that_have_the_body_larger_do_not_know_its_size() -> None:
+    lengths = np.random.default_rng(0).uniform(0.2, 0.5, (1, 14)).repeat(20, axis=0)
+    lengths[:5] = np.nan
+    assert body_sigma(lengths, [lengths[:10], lengths[10:]]) == pytest.approx(0.0, abs=1e-12)
+    halves = [1.1 * lengths[:10], 0.95 * lengths[10:]]
+    assert body_sigma(lengths, halves) == pytest.approx(np.hypot(np.log(1.1), np.log(0.95)))
