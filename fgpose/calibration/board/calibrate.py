@@ -175,10 +175,12 @@ def _judged(adjusted: AdjustedBoards, fitted: Sequence[FittedLens], origin: Worl
     world, said = world_T_first(origin, bundle.world_T_camera, bundle.world_T_board, sightings.time_s)
     rig = _rig(adjusted, world @ bundle.world_T_camera)
     sigmas = board_sigmas(adjusted, rig)
+    contradiction = _contradiction(rig, sigmas, fitted)
+    sigmas = sigmas.times(max(1.0, float(np.sqrt(np.mean(contradiction**2)))))
     residual_px = np.linalg.norm(adjusted.residual_px, axis=-1)
     alone_px = np.array([each.rms_px for each in fitted])
     links = linked(sightings)
-    inputs = VerdictInputs.of(adjusted, rig, sigmas, alone_px, links)
+    inputs = VerdictInputs.of(adjusted, rig, sigmas, alone_px, links, contradiction)
     return CalibratedFromBoards(
         rig=rig,
         sigmas=sigmas,
@@ -192,6 +194,19 @@ def _judged(adjusted: AdjustedBoards, fitted: Sequence[FittedLens], origin: Worl
         world=said,
         findings=findings(inputs),
     )
+
+
+def _contradiction(rig: CameraRig, sigmas: BoardSigmas, fitted: Sequence[FittedLens]) -> Float[np.ndarray, " camera"]:
+    """By how many standard deviations the focal length of each camera differs from that which it has by itself: where
+    one was moved or refocused between views, the lenses of all make up for it. 0 of one that was given."""
+    differs = np.zeros(rig.n_cameras)
+    for c, own in enumerate(fitted):
+        if rig.n_cameras > 1 and not own.kind.held:
+            alone = adjust(own.sightings, [own.kind], place(own.sightings, [own]))
+            camera = _rig(alone, alone.bundle.world_T_camera)
+            sigma = np.hypot(board_sigmas(alone, camera).focal[0], sigmas.focal[c])
+            differs[c] = np.log(camera.focal_px[0] / rig.focal_px[c]) / sigma
+    return differs
 
 
 def _starts_s(

@@ -35,6 +35,10 @@ class BoardSigmas:
     disagreement: float = 1.0
     """How many times as large all of these are as the noise of the corners alone would make them, see BoardProblem."""
 
+    def times(self, factor: float) -> BoardSigmas:
+        """All of them larger."""
+        return BoardSigmas(**{name: factor * own for name, own in vars(self).items()})
+
 
 def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
     """Infinite where the views do not determine the cameras."""
