@@ -125,8 +125,10 @@ class Follower:
 
         Images of one call are taken to be of about one moment; of one camera there is at most one.
         """
-        images = self._frozen.without(images)
+        given, images = images, self._frozen.without(images)
         if not images:
+            if given:
+                self._age(given[-1].time_s)
             return []
         moment = Moment.of(images, self.rig)
         tracks = np.array([track.number for track in self.tracks], dtype=int)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Bool
 
 from fgpose.association.follow import Follower
 from fgpose.association.identity import Passage
@@ -68,6 +69,19 @@ class Association:
             f"no two cameras agree on anybody, although two or more show somebody in {together} of {len(n_showing)} "
             "frames"
         )
+
+    @cached_property
+    def repeated(self) -> tuple[Bool[np.ndarray, "frame camera"], Bool[np.ndarray, "frame camera"]]:
+        """Which images show exactly what the one before of their camera does, and which show somebody after another."""
+        same, judged = np.zeros((2, *self.frames.image.shape), dtype=bool)
+        for c in range(same.shape[1]):
+            before: Detections | None = None
+            for frame in np.flatnonzero(self.frames.image[:, c] != NO_IMAGE).tolist():
+                image = self.observations.image(frame, c)
+                judged[frame, c] = before is not None and image.n_people > 0
+                same[frame, c] = before is not None and image.repeats(before)
+                before = image
+        return same, judged
 
     @cached_property
     def n_unused(self) -> int:

@@ -7,12 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.association.recording import Association
-from fgpose.correspondences import NO_IMAGE
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.observations import Observations
-from fgpose.people_observations import Detections
 from fgpose.sampling import frames_per_second, stretches
 
 _FEWEST_JOINTS = 5
@@ -42,7 +39,7 @@ def repeated_images(examined: Examined) -> list[Finding]:
     if examined.association is None:
         shares = [_share(examined.main.subset([name])) for name in names]
     else:
-        same, judged = _images_repeated(examined.association)
+        same, judged = examined.association.repeated
         shares = [_share_of(*each) for each in zip(same.T, judged.T, strict=True)]
     found = [c for c, share in enumerate(shares) if share > _OFTEN]
     if len(found) == len(names) and np.ptp(shares) < _REGULAR:
@@ -101,26 +98,11 @@ def frozen_cameras(examined: Examined) -> list[Finding]:
     if examined.association is not None:
         # Of whole images: what comes again is given to nobody.
         names, time_s = examined.rig.names, examined.association.frames.frame_time_s
-        return _frozen(names, time_s, *_images_repeated(examined.association))
+        return _frozen(names, time_s, *examined.association.repeated)
     found = []
     for person, seen in examined.people.items():
         found += _frozen(seen.camera_names, seen.frame_time_s, *repeats(seen), examined.number(person))
     return found
-
-
-def _images_repeated(
-    association: Association,
-) -> tuple[Bool[np.ndarray, "frame camera"], Bool[np.ndarray, "frame camera"]]:
-    """As repeats, of everybody in each image."""
-    same, judged = np.zeros((2, *association.frames.image.shape), dtype=bool)
-    for c in range(same.shape[1]):
-        before: Detections | None = None
-        for frame in np.flatnonzero(association.frames.image[:, c] != NO_IMAGE).tolist():
-            image = association.observations.image(frame, c)
-            judged[frame, c] = before is not None and image.n_people > 0
-            same[frame, c] = before is not None and image.repeats(before)
-            before = image
-    return same, judged
 
 
 def _frozen(

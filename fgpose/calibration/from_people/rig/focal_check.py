@@ -36,9 +36,9 @@ class FocalCheck:
         from scipy.stats import norm
 
         errors = _ERRORS * self.sigma
-        if_wrong = _WRONG * norm.pdf(self.change, scale=np.hypot(errors, _WRONG_BY))
-        if_right = (1 - _WRONG) * norm.pdf(self.change, scale=errors)
-        return np.where(self.sigma < _KNOWN, if_wrong / (if_wrong + if_right), 0.0)
+        log_wrong = np.log(_WRONG) + norm.logpdf(self.change, scale=np.hypot(errors, _WRONG_BY))
+        log_right = np.log(1 - _WRONG) + norm.logpdf(self.change, scale=errors)
+        return np.where(self.sigma < _KNOWN, 1 / (1 + np.exp(log_right - log_wrong)), 0.0)
 
     @property
     def covariance(self) -> Float[np.ndarray, "camera 6 camera 6"]:
