@@ -51,6 +51,18 @@ def test_nobody_is_confirmed_by_one_camera_of_several(follower: Follower, rig: C
     assert follower.events == []
 
 
+def test_a_camera_that_hangs_keeps_nobody_in_the_room(follower: Follower, rig: CameraRig, skeleton: Skeleton) -> None:
+    """Its images come on, those of all others stop."""
+    run(follower, rig, always(body_m(skeleton)), 0.0, 1.0)
+    assert people_of(follower) == [0]
+    hung = image(rig, 1, 1.0, [body_m(skeleton)], np.random.default_rng(0))
+    follower.see([hung])
+    for n in range(1, 120):
+        assert follower.see([hung.at(1.0 + n / FPS)]) == []
+    assert people_of(follower) == []
+    assert what_happened(follower) == ["confirmed", "lost"]
+
+
 def test_a_false_detection_beside_a_person_is_nobody(follower: Follower, rig: CameraRig, skeleton: Skeleton) -> None:
     person_m, poster_m = body_m(skeleton, HERE_M), body_m(skeleton, THERE_M)
     run(follower, rig, lambda camera, _: [person_m, poster_m][: 2 if camera == 1 else 1], 0.0, 1.5)
