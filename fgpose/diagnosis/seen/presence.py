@@ -23,6 +23,7 @@ _AT_MOST = 4  # intervals that are listed
 _SWITCHED_S = 0.2  # for less it is a detection that failed
 # Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
+_NOW_AND_THEN = 0.05  # who is shown less is outside of the view, or a reflection that others show
 
 Interval = tuple[float, float]
 _CUT = "With --people all each has a result of their own, with their own bone lengths; or cut the recording there."
@@ -134,14 +135,18 @@ def _blind(name: str, share: float, is_unfollowed: bool) -> Finding:
 
 
 def _shares_seen(examined: Examined) -> Float[np.ndarray, " camera"]:
-    """Of the joints of everybody, in the images that each camera has: those of one rate and those of another make
-    frames together. NaN where it has none."""
-    seen, of_images = np.zeros((2, examined.rig.n_cameras))
-    for own in examined.sampled.values():
-        has_image = np.isfinite(np.broadcast_to(own.time_s.T, (own.n_cameras, own.n_frames)).T)
-        seen += (own.seen & has_image[..., None]).sum(axis=(0, 2))
-        of_images += own.seen.shape[2] * has_image.sum(axis=0)
-    return np.divide(seen, of_images, out=np.full_like(seen, np.nan), where=of_images > 0)
+    """Of the joints of those whom a camera shows now and then, or of everybody if it shows nobody, in the images that
+    it has: cameras of other rates have images of other frames. NaN where it has none."""
+    n_cameras, people = examined.rig.n_cameras, list(examined.sampled.values())
+    seen, of_images = np.zeros((2, len(people), n_cameras))
+    for k, own in enumerate(people):
+        has_image = np.isfinite(np.broadcast_to(own.time_s.T, (n_cameras, own.n_frames)).T)
+        seen[k] = (own.seen & has_image[..., None]).sum(axis=(0, 2))
+        of_images[k] = own.seen.shape[2] * has_image.sum(axis=0)
+    shown = seen > _NOW_AND_THEN * of_images
+    shown |= ~shown.any(axis=0)
+    seen, of_images = np.where(shown, seen, 0).sum(axis=0), np.where(shown, of_images, 0).sum(axis=0)
+    return np.divide(seen, of_images, out=np.full(n_cameras, np.nan), where=of_images > 0)
 
 
 def never_seen(examined: Examined) -> list[Finding]:

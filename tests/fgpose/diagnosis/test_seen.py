@@ -120,6 +120,16 @@ def test_a_camera_of_a_lower_rate_is_not_blind(seen, rig) -> None:
     assert blind(Examined.of(replace(seen.without(hidden), time_s=time_s), rig)) == []
 
 
+def test_who_is_shown_by_others_alone_makes_no_camera_blind(seen, rig) -> None:
+    """A reflection in two of the cameras, or somebody outside of the view of the others."""
+    hidden = np.zeros(seen.confidence.shape, dtype=bool)
+    hidden[:, 0] = True
+    both = Examined(rig, {0: seen, 1: seen.without(hidden)})
+    assert blind(both) == []
+    (finding,) = blind(Examined(rig, {0: seen.without(hidden)}))
+    assert finding.camera == rig.names[0]
+
+
 def test_a_camera_that_was_bumped_is_not_blind(seen, rig) -> None:
     """On the common clock it is two, each of which sees its part of the time."""
     moved = replace(rig.cameras[0], moves=((2.5, rig.cameras[0].world_T_camera),))
