@@ -264,18 +264,14 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
 
 # Where it is said of several cameras together, it need not be said of each.
 _SAID_OF_ALL = frozenset({Code.EXCHANGED_SIDES})
-# With such a cause found, the keypoints of the camera are those of the person.
-_MAKES_SOMEBODY_ELSE = frozenset(
-    {
-        Code.IMAGE_SIZE,
-        Code.NORMALISED,
-        Code.TURNED_IMAGE,
-        Code.MIRRORED_IMAGE,
-        Code.EXCHANGED_CAMERAS,
-        Code.CAMERA_AXES,
-        Code.FRAME_ORDER,
-    }
-)
+# With one of the other causes found, the keypoints of the camera are those of the person.
+_MAKES_SOMEBODY_ELSE = frozenset(_GEOMETRY) - {
+    Code.NO_AGREEMENT,
+    Code.WRONG_CAMERA,
+    Code.WRONG_LENS,
+    Code.OTHER_PERSON,
+    Code.FROZEN_CAMERA,
+}
 # Of one camera these are the same: what disagrees is taken for hallucinated. The first is the one that is said.
 _THE_SAME = (Code.DISAGREEING_CAMERA, Code.HALLUCINATING_CAMERA)
 

@@ -27,8 +27,6 @@ from fgpose.skeletons import named_skeleton
 NOTHING = {"points2d_px": np.nan, "confidence": 0.0, "points3d_m": np.nan, "covariance3d_m2": np.nan}
 """The arrays of detections by name, and what they have for a joint that is not detected."""
 
-_FEWEST_JOINTS, _GRID_PX = 5, 0.25
-
 
 @dataclass(frozen=True, eq=False)
 class Detections:
@@ -116,17 +114,6 @@ class Detections:
     @property
     def n_people(self) -> int:
         return len(self.points2d_px)
-
-    def repeats(self, before: Detections) -> bool:
-        """Whether it shows exactly whom the image before shows, to the last digit: networks give the same numbers only
-        for the same image. Somebody who stands still is found at the same place on a coarse grid."""
-        if self.points2d_px.shape != before.points2d_px.shape:
-            return False
-        known = self.confidence > 0
-        if known.sum() < _FEWEST_JOINTS or not np.array_equal(self.points2d_px, before.points2d_px, equal_nan=True):
-            return False
-        in_grid = self.points2d_px[known] / _GRID_PX
-        return bool((in_grid != np.round(in_grid)).any(axis=-1).all())
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:

@@ -29,8 +29,22 @@ _BLIND = 0.02
 _LOW, _HIGH = 2 * np.log(_BLIND), -np.log(_BLIND)
 # Images within this time tell once: a detector misses somebody for about so long.
 _MISSED_S = 0.3
+# Of an image that may be that before it; numbers of networks have more digits than such a grid.
+_FEWEST_JOINTS, _GRID_PX = 5, 0.25
 # Bounds what one image tells where a camera is asked for the first time.
 _FIRST_S = 0.1
+
+
+def repeats(image: Detections, before: Detections) -> bool:
+    """Whether an image shows exactly whom the one before of its camera shows, to the last digit: networks give the same
+    numbers only for the same image. Somebody who stands still is found at the same place on a coarse grid."""
+    if image.points2d_px.shape != before.points2d_px.shape:
+        return False
+    known = image.confidence > 0
+    if known.sum() < _FEWEST_JOINTS or not np.array_equal(image.points2d_px, before.points2d_px, equal_nan=True):
+        return False
+    in_grid = image.points2d_px[known] / _GRID_PX
+    return bool((in_grid != np.round(in_grid)).any(axis=-1).all())
 
 
 class FrozenCameras:
@@ -45,7 +59,7 @@ class FrozenCameras:
         repeated = set()
         for image in images:
             before = self._newest.get(image.camera)
-            if before is not None and image.repeats(before):
+            if before is not None and repeats(image, before):
                 repeated.add(image.camera)
             self._newest[image.camera] = image
             self._shows_new[image.camera] = image.camera not in repeated and image.n_people > 0

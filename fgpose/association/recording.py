@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool
 
+from fgpose.association.detectability import repeats
 from fgpose.association.follow import Follower
 from fgpose.association.identity import Passage
 from fgpose.association.lost import EverybodyLost, links
@@ -79,7 +80,7 @@ class Association:
             for frame in np.flatnonzero(self.frames.image[:, c] != NO_IMAGE).tolist():
                 image = self.observations.image(frame, c)
                 judged[frame, c] = before is not None and image.n_people > 0
-                same[frame, c] = before is not None and image.repeats(before)
+                same[frame, c] = before is not None and repeats(image, before)
                 before = image
         return same, judged
 

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -212,19 +210,3 @@ def test_what_images_show_of_somebody_becomes_what_was_seen():
     assert seen.first_frame == 4
     np.testing.assert_array_equal(seen.main_detection, [[NOBODY, 0], [NOBODY, NOBODY], [2, NOBODY]])
     np.testing.assert_array_equal(seen.joint[2, 0], [2, 1, 0])
-
-
-def test_an_image_that_comes_again() -> None:
-    """To the last digit; but on a grid of quarter pixels somebody who stands still is found at the same place."""
-    points_px = np.random.default_rng(0).uniform(0, 1000, (2, 17, 2))
-    points_px[1, 3] = np.nan
-    image = Detections("a", 0.0, points_px, np.ones((2, 17)))
-    assert image.at(1.0).repeats(image)
-    moved_px = points_px.copy()
-    moved_px[1, 5] += 1e-6
-    assert not replace(image, points2d_px=moved_px, time_s=1.0).repeats(image)
-    assert not replace(image, points2d_px=points_px[:1], confidence=np.ones((1, 17))).repeats(image)
-    in_grid = replace(image, points2d_px=np.round(4 * points_px) / 4)
-    assert not in_grid.at(1.0).repeats(in_grid)
-    nobody = Detections("a", 0.0, np.zeros((0, 17, 2)), np.zeros((0, 17)))
-    assert not nobody.at(1.0).repeats(nobody)

@@ -117,8 +117,7 @@ def calibrate_from_people(
     told()
     halves = adjusting.halves(walk, adjusted.rig)
     told()
-    of_body = 0.0 if halves is None else _body_sigma(joints, adjusted.rig, halves)
-    distances_m = _of_rig(measured, walk)
+    of_body, distances_m = _body_sigma(joints, adjusted.rig, halves), _of_rig(measured, walk)
     metric = to_metric(walk, adjusted.rig, joints, stature_m, distances_m, _of_positions(adjusted), of_body)
     told()
     result = _judged(first, walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
@@ -222,9 +221,11 @@ def _of_positions(adjusted: AdjustedWalk) -> Float[np.ndarray, "camera 3 camera 
 
 
 def _body_sigma(
-    joints: Float[np.ndarray, "frame joint 3"], rig: CameraRig, halves: tuple[AdjustedWalk, AdjustedWalk]
+    joints: Float[np.ndarray, "frame joint 3"], rig: CameraRig, halves: tuple[AdjustedWalk, AdjustedWalk] | None
 ) -> float:
-    """See fgpose.calibration.from_people.world.scale.body_sigma."""
+    """See fgpose.calibration.from_people.world.scale.body_sigma; 0 where there are no halves."""
+    if halves is None:
+        return 0.0
     of_halves = [_joints(half.walk, aligned(half.rig, rig)[0].rig(half.rig)) for half in halves]
     lengths = halves[0].walk.skeleton.bone_lengths
     return body_sigma(lengths(joints), [lengths(own) for own in of_halves])
