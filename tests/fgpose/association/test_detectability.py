@@ -14,8 +14,9 @@ def test_an_image_that_comes_again() -> None:
     """To the last digit; but on a grid of quarter pixels somebody who stands still is found at the same place."""
     points_px = np.random.default_rng(0).uniform(0, 1000, (2, 17, 2))
     points_px[1, 3] = np.nan
-    image = Detections("a", 0.0, points_px, np.ones((2, 17)))
+    image = Detections("a", 0.0, points_px, np.ones((2, 17)))  # the order of the people is that of the detector
     assert repeats(image.at(1.0), image)
+    assert repeats(replace(image, points2d_px=points_px[::-1], confidence=image.confidence[::-1]), image)
     moved_px = points_px.copy()
     moved_px[1, 5] += 1e-6
     assert not repeats(replace(image, points2d_px=moved_px), image)
