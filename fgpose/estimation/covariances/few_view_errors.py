@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from fgpose.estimation.covariances.uncertainty import at_least, holders
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import ROUNDING
+from fgpose.estimation.visibility.agreement import BONE_M
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.skeleton import Skeleton
@@ -48,8 +49,8 @@ def contradicted_m2(
     evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, skeleton: Skeleton
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """Second moment of where each joint would be if the detections that were taken for hallucinated were right, where
-    these agree on a place, and are as many as those that are believed: a network guesses alike in cameras that stand
-    alike. 0 for all other joints, and for those that fewer than two cameras see."""
+    these agree on a place where the joint may be, and are as many as those that are believed: a network guesses alike
+    in cameras that stand alike. 0 for all other joints, and for those that fewer than two cameras see."""
     moment_m2 = np.zeros((*positions_m.shape, 3))
     believed = evidence.believed
     rejected, n_believed = evidence.detected & ~believed, believed.sum(axis=1)
@@ -66,10 +67,37 @@ def contradicted_m2(
     agree = place.inliers.swapaxes(1, 2)
     as_many = agree[:, :, 0].sum(axis=1) >= n_believed[frames, joints]
     reach_m = _reach_m(positions_m, skeleton)[frames, joints]
-    off_m = _within_m(place.positions_m[:, 0] - positions_m[frames, joints], reach_m)
-    place_m2 = off_m[:, :, None] * off_m[:, None] + _place_m2(place.positions_m, agree, sigma_px, reach_m, rig)
-    moment_m2[frames, joints] = np.where(as_many[:, None, None], place_m2 / 2, 0.0)  # it is as likely as the estimate
+    own_m2 = _place_m2(place.positions_m, agree, sigma_px, reach_m, rig)
+    places_m, sigma_m = np.full(positions_m.shape, np.nan), np.zeros(positions_m.shape[:2])
+    places_m[frames, joints] = np.where(as_many[:, None], place.positions_m[:, 0], np.nan)
+    sigma_m[frames, joints] = np.sqrt(np.trace(own_m2, axis1=1, axis2=2) / 3)
+    likely = _by_bones(places_m, sigma_m, positions_m, skeleton)[frames, joints]
+    off_m = np.nan_to_num(places_m[frames, joints] - positions_m[frames, joints])
+    place_m2 = off_m[:, :, None] * off_m[:, None] + own_m2
+    share = np.where(as_many, likely / (1 + likely), 0.0)
+    moment_m2[frames, joints] = share[:, None, None] * place_m2
     return moment_m2
+
+
+def _by_bones(
+    places_m: Float[np.ndarray, "frame joint 3"],
+    sigma_m: Float[np.ndarray, "frame joint"],
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    skeleton: Skeleton,
+) -> Float[np.ndarray, "frame joint"]:
+    """How much less likely other places are than the estimate, by the lengths of the bones from them to the joints
+    beside, which are where they are estimated or in their own other place: two hallucinated rays meet somewhere now and
+    then, and seldom where a limb may be."""
+    likely = np.ones(places_m.shape[:2])
+    for bone in skeleton.bones:
+        length_m = np.linalg.norm(positions_m[:, bone[0]] - positions_m[:, bone[1]], axis=-1)
+        for joint, other in (bone, bone[::-1]):
+            apart_m = (
+                np.linalg.norm(places_m[:, joint] - beside_m[:, other], axis=-1) for beside_m in (positions_m, places_m)
+            )
+            off_m = np.nan_to_num(np.fmin(*(np.abs(each - length_m) for each in apart_m)))
+            likely[:, joint] /= (1 + off_m**2 / (2 * (BONE_M**2 + sigma_m[:, joint] ** 2))) ** 2
+    return likely
 
 
 def _place_m2(

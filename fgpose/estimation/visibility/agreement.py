@@ -34,8 +34,8 @@ from fgpose.skeleton import Skeleton
 # How often a joint is off its path, and how far (a Cauchy distribution). A place three times as far costs as much as
 # one that is off path ten times more rarely; several views that agree say thousands of times as much.
 _OFF_PATH, _OFF_PATH_M = 0.05, 0.2
-# Standard deviation of the length of a bone between places that several views give (Student's distribution).
-_BONE_M = 0.03
+BONE_M = 0.03
+"""Standard deviation of the length of a bone between places that several views give (Student's distribution)."""
 # Standard deviation of a place along an axis that the views leave open.
 _ANYWHERE_M = 1.0
 # In standard deviations of a detection: what is off the path, and what agrees on a place.
@@ -219,7 +219,7 @@ def _of_bones(
     length_m = np.linalg.norm(path_m[points.at][:, None] - path_m[at], axis=-1)
     on, off = (np.abs(np.linalg.norm(places_m[:, None] - those[at], axis=-1) - length_m) for those in (path_m, moved_m))
     off_m = np.where((neighbours >= 0) & np.isfinite(length_m), np.fmin(on, off), 0.0)
-    return -2 * np.log1p((off_m / _BONE_M) ** 2 / 2).sum(axis=1)
+    return -2 * np.log1p((off_m / BONE_M) ** 2 / 2).sum(axis=1)
 
 
 @lru_cache(maxsize=16)
