@@ -117,8 +117,7 @@ def calibrate_from_people(
     told()
     halves = adjusting.halves(walk, adjusted.rig)
     told()
-    of_body, distances_m = _body_sigma(joints, adjusted.rig, halves), _of_rig(measured, walk)
-    metric = to_metric(walk, adjusted.rig, joints, stature_m, distances_m, _of_positions(adjusted), of_body)
+    metric = _metric(walk, adjusted, joints, halves, stature_m, measured)
     told()
     result = _judged(first, walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
@@ -218,6 +217,19 @@ def _of_positions(adjusted: AdjustedWalk) -> Float[np.ndarray, "camera 3 camera 
     rotations = np.stack([camera.world_T_camera[:3, :3] for camera in adjusted.rig.cameras])
     own = adjusted.covariance[:, TRANSLATION, :, TRANSLATION]
     return np.einsum("cij,cjdk,dlk->cidl", rotations, own, rotations)
+
+
+def _metric(
+    walk: Walk,
+    adjusted: AdjustedWalk,
+    joints: Float[np.ndarray, "frame joint 3"],
+    halves: tuple[AdjustedWalk, AdjustedWalk] | None,
+    stature_m: float | None,
+    measured: Sequence[MeasuredDistance],
+) -> Metric:
+    """In the world, with what the halves of the recording tell of the size of the body."""
+    cues = stature_m, _of_rig(measured, walk), _of_positions(adjusted), _body_sigma(joints, adjusted.rig, halves)
+    return to_metric(walk, adjusted.rig, joints, *cues)
 
 
 def _body_sigma(

@@ -27,7 +27,7 @@ _SHAPES = (16 / 9, 16 / 10, 3 / 2, 4 / 3, 5 / 4, 1.0, 9 / 16, 3 / 4)  # width ov
 _RATIOS, _SAME_RATIO = (4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0), 0.004
 # What networks are given, and what is left if the sides of an image are cut off.
 _SQUARES_PX, _CUTS, _HEIGHTS_PX = (1280, 640, 512, 416, 384, 320, 256, 192), (4 / 3, 1.0), (720, 640, 512, 480, 256)
-# Of the size of the image, by which parts of it begin elsewhere than half of what was cut off says.
+# Shifts that are tried, as shares of the side of the image; the best one is looked for between them.
 _SHIFTS = (0.03, 0.06, 0.09, 0.12, 0.16, 0.2)
 _MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
 

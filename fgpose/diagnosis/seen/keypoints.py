@@ -87,21 +87,22 @@ def smoothed_keypoints(examined: Examined) -> list[Finding]:
     distance_m = np.inf if alone else examined.geometry.state.consistency.median_m
     smooth = [c for c, own in enumerate(trembling) if own < min(_TREMBLES, _OF_DISTANCE * distance_m / SPREAD_M)]
     if not smooth:
-        return [] if alone else _filtered(seen, rate_hz, joints, distance_m / SPREAD_M)
+        return [] if alone else _filtered(seen, rate_hz, joints, trembling, distance_m / SPREAD_M)
     cameras = [""] if len(smooth) == seen.n_cameras else [seen.camera_names[c] for c in smooth]
     largest_mm = 1000 * SPREAD_M * max(trembling[c] for c in smooth)
     return [_smoothed(camera, largest_mm, Severity.NOTE if alone else Severity.DOUBTFUL) for camera in cameras]
 
 
-def _filtered(seen: Observations, rate_hz: float, joints: Int[np.ndarray, " limb"], distance: float) -> list[Finding]:
+def _filtered(
+    seen: Observations, rate_hz: float, joints: Int[np.ndarray, " limb"], over_several: list[float], distance: float
+) -> list[Finding]:
     """All cameras whose keypoints have errors, by the distance between rays as a share of the spread of the joints, and
-    hardly tremble from one image to the next."""
+    hardly tremble from one image to the next; how they tremble over several is known."""
     short = max(round(rate_hz / _SHORT_HZ), 1)
     if short * _SHORT_HZ > 1.5 * rate_hz:
         return []
-    long = max(2 * short, round(rate_hz / _RATE_HZ))
-    of_limbs_px = [seen.points2d_px[:, c][:, joints] for c in range(seen.n_cameras)]
-    trembling = np.array([[_trembling(own_px, step) for step in (short, long)] for own_px in of_limbs_px])
+    from_image_to_image = [_trembling(seen.points2d_px[:, c][:, joints], short) for c in range(seen.n_cameras)]
+    trembling = np.stack([from_image_to_image, over_several], axis=1)
     known = trembling[np.isfinite(trembling).all(axis=1)]
     if not len(known):
         return []

@@ -59,9 +59,11 @@ def _share(view: Observations) -> float:
     """Of the images of one camera: how many repeat the one before, if new ones do not show most joints where they
     were."""
     same, judged = (each[:, 0] for each in repeats(view))
-    new = judged & ~same
+    share, new = _share_of(same, judged), judged & ~same
+    if not share:
+        return 0.0
     both, equal = (each[new, 0].sum() for each in _equal(view))
-    return _share_of(same, judged) if equal < _FEW_EQUAL * both else 0.0
+    return share if equal < _FEW_EQUAL * both else 0.0
 
 
 def _share_of(same: Bool[np.ndarray, " frame"], judged: Bool[np.ndarray, " frame"]) -> float:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from fgpose.estimation.covariances.uncertainty import at_least, holders
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import ROUNDING
-from fgpose.estimation.visibility.agreement import BONE_M
+from fgpose.estimation.visibility.agreement import BONE_M, log_likelihood_of_bones
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.skeleton import Skeleton
@@ -66,38 +66,15 @@ def contradicted_m2(
     place = triangulate_robust(of_points(evidence.undistorted_px), weights, rig, _AGREES * sigma_px)
     agree = place.inliers.swapaxes(1, 2)
     as_many = agree[:, :, 0].sum(axis=1) >= n_believed[frames, joints]
-    reach_m = _reach_m(positions_m, skeleton)[frames, joints]
-    own_m2 = _place_m2(place.positions_m, agree, sigma_px, reach_m, rig)
-    places_m, sigma_m = np.full(positions_m.shape, np.nan), np.zeros(positions_m.shape[:2])
-    places_m[frames, joints] = np.where(as_many[:, None], place.positions_m[:, 0], np.nan)
-    sigma_m[frames, joints] = np.sqrt(np.trace(own_m2, axis1=1, axis2=2) / 3)
-    likely = _by_bones(places_m, sigma_m, positions_m, skeleton)[frames, joints]
-    off_m = np.nan_to_num(places_m[frames, joints] - positions_m[frames, joints])
-    place_m2 = off_m[:, :, None] * off_m[:, None] + own_m2
-    share = np.where(as_many, likely / (1 + likely), 0.0)
-    moment_m2[frames, joints] = share[:, None, None] * place_m2
+    places_m, at = place.positions_m[as_many], (frames[as_many], joints[as_many])
+    own_m2 = _place_m2(places_m, agree[as_many], sigma_px[as_many], _reach_m(positions_m, skeleton)[at], rig)
+    sigma_m = np.sqrt(BONE_M**2 + np.trace(own_m2, axis1=1, axis2=2) / 3)[:, None]
+    # Two hallucinated rays meet somewhere now and then, and seldom where a limb may be.
+    likely = np.exp(log_likelihood_of_bones(places_m[:, 0], sigma_m, positions_m, at, skeleton))
+    off_m = np.nan_to_num(places_m[:, 0] - positions_m[at])
+    share = likely / (1 + likely)
+    moment_m2[at] = share[:, None, None] * (off_m[:, :, None] * off_m[:, None] + own_m2)
     return moment_m2
-
-
-def _by_bones(
-    places_m: Float[np.ndarray, "frame joint 3"],
-    sigma_m: Float[np.ndarray, "frame joint"],
-    positions_m: Float[np.ndarray, "frame joint 3"],
-    skeleton: Skeleton,
-) -> Float[np.ndarray, "frame joint"]:
-    """How much less likely other places are than the estimate, by the lengths of the bones from them to the joints
-    beside, which are where they are estimated or in their own other place: two hallucinated rays meet somewhere now and
-    then, and seldom where a limb may be."""
-    likely = np.ones(places_m.shape[:2])
-    for bone in skeleton.bones:
-        length_m = np.linalg.norm(positions_m[:, bone[0]] - positions_m[:, bone[1]], axis=-1)
-        for joint, other in (bone, bone[::-1]):
-            apart_m = (
-                np.linalg.norm(places_m[:, joint] - beside_m[:, other], axis=-1) for beside_m in (positions_m, places_m)
-            )
-            off_m = np.nan_to_num(np.fmin(*(np.abs(each - length_m) for each in apart_m)))
-            likely[:, joint] /= (1 + off_m**2 / (2 * (BONE_M**2 + sigma_m[:, joint] ** 2))) ** 2
-    return likely
 
 
 def _place_m2(
@@ -108,8 +85,7 @@ def _place_m2(
     rig: CameraRig,
 ) -> Float[np.ndarray, "point 3 3"]:
     """Covariance of a place that these views show, no larger than the reach."""
-    rays = place_m[:, None] - rig.positions_m[:, None]
-    rays = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+    rays = _rays(place_m, rig)
     information = np.where(agree, (rig.px_per_m(place_m) / sigma_px) ** 2, 0.0)
     across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
     least = np.eye(3) / np.maximum(reach_m, ROUNDING)[:, None, None] ** 2
@@ -134,8 +110,7 @@ def sole_view_errors_m2(
     if evidence.depth_sigma_m.shape[1]:
         follows = (across_m2 > 0) & evidence.from_bones[:, None]
         depth_m2 = np.where(follows, np.nan_to_num(evidence.depth_sigma_m**2), 0.0)
-    rays = positions_m[:, None] - rig.positions_m[:, None]
-    rays = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+    rays = _rays(positions_m, rig)
     along = rays[..., :, None] * rays[..., None, :]
     errors_m2 = across_m2[..., None, None] * (np.eye(3) - along) + depth_m2[..., None, None] * along
     return np.asarray(errors_m2.sum(axis=1))
@@ -157,7 +132,10 @@ def other_explanations_m2(
         offset_m, ray = camera.position_m - positions_m, camera.ray(evidence.undistorted_px[:, number])
         to_ray_m = offset_m - np.sum(offset_m * ray, axis=-1, keepdims=True) * ray
         off_m[:, number] = np.where(rejected[:, number, :, None], to_ray_m, 0.0)
-    off_m = _within_m(off_m, _reach_m(positions_m, skeleton)[:, None])
+    off_m = np.nan_to_num(off_m)
+    distance_m = np.linalg.norm(off_m, axis=-1)
+    reach_m = _reach_m(positions_m, skeleton)[:, None]
+    off_m *= np.divide(reach_m, distance_m, out=np.ones_like(distance_m), where=distance_m > reach_m)[..., None]
     # Each is as likely as the estimate.
     share = 1 / (1 + rejected.sum(axis=1))
     return share[..., None, None] * np.einsum("tcji,tcjk->tjik", off_m, off_m)
@@ -179,8 +157,7 @@ def taken_for_mirrored_m2(
     doubtful = in_one_place.any(axis=1) & (others.sum(axis=1) == 1)
     if not doubtful.any():
         return moment_m2
-    rays = positions_m[:, None] - rig.positions_m[:, None]
-    rays = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+    rays = _rays(positions_m, rig)
     other_ray = np.sum(np.where(others[..., None], rays, 0.0), axis=1)
     for joint, holder in holders(skeleton):
         bone_m, ray = positions_m[:, joint] - positions_m[:, holder], other_ray[:, joint]
@@ -190,12 +167,10 @@ def taken_for_mirrored_m2(
     return moment_m2
 
 
-def _within_m(off_m: Float[np.ndarray, "*points 3"], reach_m: Float[np.ndarray, "*#points"]) -> np.ndarray:
-    """Shortened to what is in reach; 0 where they are not known."""
-    off_m = np.nan_to_num(off_m)
-    distance_m = np.linalg.norm(off_m, axis=-1)
-    reach_m = np.broadcast_to(reach_m, distance_m.shape)
-    return off_m * np.divide(reach_m, distance_m, out=np.ones_like(distance_m), where=distance_m > reach_m)[..., None]
+def _rays(positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig) -> Float[np.ndarray, "frame camera joint 3"]:
+    """Unit vectors from each camera to the joints; 0 where they are not known."""
+    rays = positions_m[:, None] - rig.positions_m[:, None]
+    return np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
 def _reach_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> Float[np.ndarray, "frame joint"]:

@@ -191,7 +191,8 @@ class _Places:
         visible = log_density_visible(*residual, points.spread_px)
         hidden = log_density_hidden(*residual, config.hallucinated_m * points.px_per_m, points.on_path.other)
         log_prior = _log_density_off_path(places_m - path_m) + 1.5 * np.log(2 * np.pi)
-        log_prior += 0.5 * np.linalg.slogdet(others.covariance_m2[:, 0])[1] + _of_bones(points, places_m, skeleton)
+        log_prior += 0.5 * np.linalg.slogdet(others.covariance_m2[:, 0])[1]
+        log_prior += log_likelihood_of_bones(places_m, BONE_M, points.positions_m, points.at, skeleton)
         return _Places(
             places_m=places_m,
             n_views=np.where(known[:, 0], agrees.sum(axis=1), 0),
@@ -207,19 +208,34 @@ def _log_density_off_path(away_m: Float[np.ndarray, "point 3"]) -> Float[np.ndar
     return np.log(_OFF_PATH) - np.log(np.pi**2 * _OFF_PATH_M**3) - 2 * np.log1p(squared)
 
 
-def _of_bones(
-    points: _Points, places_m: Float[np.ndarray, "point 3"], skeleton: Skeleton
+def log_likelihood_of_bones(
+    places_m: Float[np.ndarray, "point 3"],
+    sigma_m: float | Float[np.ndarray, "point 1"],
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    at: tuple[Int[np.ndarray, " point"], Int[np.ndarray, " point"]],
+    skeleton: Skeleton,
 ) -> Float[np.ndarray, " point"]:
-    """Logarithm of how likely the lengths of the bones are from each place to the joints around it, which are on their
-    paths or moved to their places too, relative to the lengths on the paths."""
-    moved_m, (frames, joints) = points.positions_m.copy(), points.at
-    moved_m[points.at] = places_m
+    """Logarithm of how likely the lengths of the bones are from each place to the joints around it, which are as
+    estimated or moved to their places too, relative to the lengths of the estimate.
+
+    Args:
+        places_m: where joints may be instead.
+        sigma_m: standard deviation of the length of a bone (Student's distribution).
+        positions_m: the estimate.
+        at: frame and joint of each place.
+        skeleton: for the bones.
+    """
+    moved_m, (frames, joints) = positions_m.copy(), at
+    moved_m[at] = places_m
     neighbours = _neighbours(skeleton)[joints]
-    at, path_m = (frames[:, None], neighbours), points.positions_m
-    length_m = np.linalg.norm(path_m[points.at][:, None] - path_m[at], axis=-1)
-    on, off = (np.abs(np.linalg.norm(places_m[:, None] - those[at], axis=-1) - length_m) for those in (path_m, moved_m))
+    beside = frames[:, None], neighbours
+    length_m = np.linalg.norm(positions_m[at][:, None] - positions_m[beside], axis=-1)
+    on, off = (
+        np.abs(np.linalg.norm(places_m[:, None] - those[beside], axis=-1) - length_m)
+        for those in (positions_m, moved_m)
+    )
     off_m = np.where((neighbours >= 0) & np.isfinite(length_m), np.fmin(on, off), 0.0)
-    return -2 * np.log1p((off_m / BONE_M) ** 2 / 2).sum(axis=1)
+    return -2 * np.log1p((off_m / sigma_m) ** 2 / 2).sum(axis=1)
 
 
 @lru_cache(maxsize=16)

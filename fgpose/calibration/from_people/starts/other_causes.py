@@ -9,6 +9,7 @@ import numpy as np
 
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.starts.joining import Joining
+from fgpose.calibration.from_people.tracks import no_track
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
@@ -45,16 +46,12 @@ def other_cause(
     """
     if len(offsets_s) < _SEEN_BY:
         return None
-    known = [track if c in offsets_s else _without_images(track) for c, track in enumerate(tracks)]
+    known = [track if c in offsets_s else no_track(track.camera, skeleton) for c, track in enumerate(tracks)]
     for cause in _causes(camera, tracks, offsets_s, rig, skeleton):
         tried = [cause.track if c == camera else track for c, track in enumerate(known)]
         if camera in join(tried).offsets_s:
             return CalibrationFinding(rig.names[camera], Grade.FAILED, cause.reason, cause.remedy)
     return None
-
-
-def _without_images(track: Track) -> Track:
-    return Track(track.camera, track.time_s[:0], track.points2d_px[:0], track.confidence[:0])
 
 
 def _causes(

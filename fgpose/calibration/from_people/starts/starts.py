@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from itertools import combinations
 
 import numpy as np
@@ -14,7 +14,7 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.starts.clocks import ClockShift, solve_clocks
 from fgpose.calibration.from_people.starts.epipolar_shift import RATE_SIGMA, EpipolarShift, fit_epipolar_shift
 from fgpose.calibration.from_people.starts.joining import Joining, join_cameras
-from fgpose.calibration.from_people.starts.motion_signals import motion_signals
+from fgpose.calibration.from_people.starts.motion_signals import MotionSignals, motion_signals
 from fgpose.calibration.from_people.starts.other_causes import Join, other_cause
 from fgpose.calibration.from_people.starts.placed_joining import join_placed
 from fgpose.calibration.from_people.starts.start_findings import about_clock, nobody, not_joined, same_camera
@@ -106,40 +106,46 @@ def find_starts(
     _check(tracks, names, given)
     given_s = {names.index(name): start.offset_s for name, start in given.items()}
 
-    def join(tracks: Sequence[Track], known_s: Mapping[int, float]) -> Joining:
-        views = _views(tracks, intrinsics, placed=placed)
-        if placed:
-            return join_placed(views, known_s)
-        return join_cameras([motion_signals(track, skeleton) for track in tracks], views, known_s)
+    # Most tracks are asked for again where one camera is tried otherwise.
+    signals = cache(partial(motion_signals, skeleton=skeleton))
+    view = cache(partial(View.of, placed=placed))
 
-    views = _views(tracks, intrinsics, placed=placed)
+    def join(tracks: Sequence[Track], known_s: Mapping[int, float]) -> Joining:
+        views = [view(track, camera) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
+        return join_placed(views, known_s) if placed else join_cameras([*map(signals, tracks)], views, known_s)
+
+    views = [view(track, camera) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
     findings = [nobody(name) for name, track in zip(names, tracks, strict=True) if not len(track.time_s)]
     if all(name in given and given[name].sigma_s == 0 for name in names):
         return _as_given(names, given, views, findings)
     joining = join(tracks, given_s)
-    findings += _not_joined(tracks, joining, intrinsics, skeleton, partial(join, known_s=joining.offsets_s))
+    join_again = partial(join, known_s=joining.offsets_s)
+    findings += _not_joined(tracks, joining, intrinsics, skeleton, signals, join_again)
     shifts = _pair_shifts(views, joining.offsets_s)
     doubles = same_camera(names, views, joining.offsets_s)
     trusted = [c for c in sorted(joining.offsets_s) if names[c] not in {finding.camera for finding in doubles}]
     return _solved(names, trusted, {**_as_shifts(names, given), **shifts}, tracks, [*findings, *doubles])
 
 
-def _views(tracks: Sequence[Track], intrinsics: CameraRig, *, placed: bool) -> list[View]:
-    return [View.of(track, camera, placed=placed) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
-
-
 def _not_joined(
-    tracks: Sequence[Track], joining: Joining, intrinsics: CameraRig, skeleton: Skeleton, join: Join
+    tracks: Sequence[Track],
+    joining: Joining,
+    intrinsics: CameraRig,
+    skeleton: Skeleton,
+    signals: Callable[[Track], MotionSignals],
+    join: Join,
 ) -> list[CalibrationFinding]:
     """Why cameras that see somebody have not joined."""
     missing = [c for c, track in enumerate(tracks) if c not in joining.offsets_s and len(track.time_s)]
     if not missing:
         return []
-    signals = {c: motion_signals(track, skeleton) for c, track in enumerate(tracks) if len(track.time_s)}
-    moves, nobody_joined = float(np.median([each.moves for each in signals.values()])), not joining.offsets_s
+    moves = float(np.median([signals(track).moves for track in tracks if len(track.time_s)]))
+    nobody_joined = not joining.offsets_s
     return [
         other_cause(c, tracks, joining.offsets_s, intrinsics, skeleton, join)
-        or not_joined(intrinsics.names[c], signals[c], joining.joined.get(c), moves, nobody_joined=nobody_joined)
+        or not_joined(
+            intrinsics.names[c], signals(tracks[c]), joining.joined.get(c), moves, nobody_joined=nobody_joined
+        )
         for c in missing
     ]
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import triangulate
+from fgpose_factors.robust_statistics import known_median
 
 _FEWEST = 6  # joints of a frame that tell by how much a body is turned and scaled
 
@@ -35,6 +36,11 @@ def third_views_mrad(
         Milliradians; NaN where a camera does not see six joints that enough others see.
     """
     return np.stack([third_view_of(c, undistorted_px, confidence, rig) for c in range(rig.n_cameras)])
+
+
+def medians_mrad(third_mrad: Float[np.ndarray, "camera frame"]) -> Float[np.ndarray, " camera"]:
+    """Of third_views_mrad; NaN of a camera of which nothing is known."""
+    return np.array([known_median(own) for own in third_mrad])
 
 
 def third_view_of(

@@ -12,7 +12,7 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Camera
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.alignment import aligned
 from fgpose.calibration.from_people.verdict.coverage import Coverage, coverage
-from fgpose.calibration.from_people.verdict.cross_checks import cross_check_deg, third_views_mrad
+from fgpose.calibration.from_people.verdict.cross_checks import cross_check_deg, medians_mrad, third_views_mrad
 from fgpose.calibration.from_people.verdict.handedness import handedness, mirrored_views
 from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera, moved_camera
 from fgpose.calibration.from_people.verdict.sigmas import disagreement
@@ -21,7 +21,6 @@ from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.calibration.from_people.world.metric import Metric
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import is_of_another_size
-from fgpose_factors.robust_statistics import known_median
 
 _MIN_UNUSED = 25  # frames: with fewer the median of what was not used says less than all frames
 
@@ -94,13 +93,12 @@ def gather(
     halves_deg, halves_m = _halves(halves, rig)
     unknown = np.full(rig.n_cameras, np.nan)
     points3d_m = walk.points3d_m
-    views = rig.undistort(walk.points2d_px[judged]), walk.confidence[judged], rig
-    third_mrad = third_views_mrad(*views)
+    third_mrad = third_views_mrad(rig.undistort(walk.points2d_px[judged]), walk.confidence[judged], rig)
     return VerdictInputs(
         camera_names=rig.names,
         sigmas=sigmas,
         distance_m=_distances_m(walk, rig, joints_m),
-        third_view_mrad=np.array([known_median(own) for own in third_mrad]),
+        third_view_mrad=medians_mrad(third_mrad),
         cross_check_deg=unknown if points3d_m is None else cross_check_deg(points3d_m, joints_m, rig),
         halves_deg=halves_deg,
         halves_m=halves_m,

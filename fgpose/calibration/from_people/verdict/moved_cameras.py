@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.disagreement import MAX_MRAD, disagreement
-from fgpose.calibration.from_people.verdict.cross_checks import third_views_mrad
+from fgpose.calibration.from_people.verdict.cross_checks import medians_mrad, third_views_mrad
 from fgpose.geometry.camera import CameraRig
 from fgpose_factors.robust_statistics import known_median
 
@@ -51,8 +51,8 @@ def moved_camera(
     undistorted_px = rig.undistort(points2d_px)
     third_mrad = third_views_mrad(undistorted_px, confidence, rig)
     part = np.minimum(((time_s - time_s[0]) / _PART_S).astype(int), n_parts - 1)
-    of_parts_mrad = np.array([_medians_mrad(third_mrad[:, part == each]) for each in range(n_parts)]).T
-    usual_mrad = _medians_mrad(third_mrad)
+    of_parts_mrad = np.array([medians_mrad(third_mrad[:, part == each]) for each in range(n_parts)]).T
+    usual_mrad = medians_mrad(third_mrad)
     with np.errstate(invalid="ignore"):
         is_off = of_parts_mrad > np.maximum(MAX_MRAD, _TIMES * usual_mrad[:, None])
     if not is_off.any():
@@ -79,10 +79,6 @@ def _which(
     for left_out in range(n_cameras):
         others = [c for c in range(n_cameras) if c != left_out]
         pair = undistorted_px[:, others], confidence[:, others], rig.subset([rig.names[c] for c in others])
-        without_mrad[left_out, others] = _medians_mrad(third_views_mrad(*pair))
-    found = disagreement(_medians_mrad(third_mrad), without_mrad)
+        without_mrad[left_out, others] = medians_mrad(third_views_mrad(*pair))
+    found = disagreement(medians_mrad(third_mrad), without_mrad)
     return None if found is None else found.camera
-
-
-def _medians_mrad(third_mrad: Float[np.ndarray, "camera frame"]) -> Float[np.ndarray, " camera"]:
-    return np.array([known_median(own) for own in third_mrad])

@@ -27,7 +27,6 @@ _DISTANCE_SIGMA = 0.005
 # Of a stature that is told: 10 mm in the course of the day and by the shoes.
 _STATURE_SIGMA_M = 0.01
 _STATURES_M = (0.7, 2.5)
-
 _CONTRADICTION = 3.0  # standard deviations: by chance in one of 370
 _COARSE_BODY = 0.03  # 1 % at most with cameras around the person, 4 % and more with four that are 0.6 m apart
 _HEAD_CENTILE = 0.95
