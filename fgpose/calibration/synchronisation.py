@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
+from fgpose.calibration.from_people.starts.placed_joining import fits_at_shifts
 from fgpose.calibration.from_people.starts.start_findings import AMBIGUOUS_REMEDY, in_words
 from fgpose.calibration.from_people.starts.starts import Starts, find_starts
-from fgpose.calibration.from_people.starts.walker import main_tracks
+from fgpose.calibration.from_people.starts.views import View
+from fgpose.calibration.from_people.starts.walker import Compare, main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
@@ -54,7 +57,7 @@ def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
     """
     people.check_cameras(rig.names)
     unsynchronised = rig.with_time_offsets(np.zeros(rig.n_cameras))
-    tracks = main_tracks(find_tracks(people), people.skeleton)
+    tracks = main_tracks(find_tracks(people), people.skeleton, compare=_placed(unsynchronised))
     starts = find_starts(tracks, people.skeleton, unsynchronised, placed=True)
     if starts.trusted.sum() < 2:
         failed = [_with_remedy(each) for each in starts.findings if each.grade is Grade.FAILED]
@@ -64,6 +67,13 @@ def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
     own = rig.subset(names).with_starts(offsets_s - offsets_s[0])
     findings = tuple(_with_remedy(each) for each in starts.findings)
     return Synchronised(own, starts.sigma_s[starts.trusted], findings)
+
+
+def _placed(rig: CameraRig) -> Compare:
+    """Two tracks are compared by the joints, through the poses of their cameras."""
+    cameras = dict(zip(rig.names, rig.cameras, strict=True))
+    view = cache(lambda track: View.of(track, cameras[track.camera], placed=True))
+    return lambda one, other: fits_at_shifts(view(one), view(other))
 
 
 def _with_remedy(finding: CalibrationFinding) -> CalibrationFinding:

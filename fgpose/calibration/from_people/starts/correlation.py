@@ -26,7 +26,6 @@ class Correlation:
     score: Float[np.ndarray, " shift"]
     """Normalised cross-correlation times the root of the seconds in common, in units of what chance makes of it
     (robust standard deviation over all shifts); 0 where the tracks have too little in common."""
-    overlap_s: Float[np.ndarray, " shift"]
 
     def at(self, shifts: Int[np.ndarray, " _"]) -> Float[np.ndarray, " _"]:
         """Scores of shifts, 0 of those that are too large to have anything in common."""
@@ -41,7 +40,7 @@ class Correlation:
     @property
     def mirrored(self) -> Correlation:
         """Of the second track with the first."""
-        return Correlation(-int(self.shifts[-1]), self.score[::-1], self.overlap_s[::-1])
+        return Correlation(-int(self.shifts[-1]), self.score[::-1])
 
 
 def correlate(first: MotionSignals, second: MotionSignals) -> Correlation:
@@ -53,7 +52,7 @@ def correlate(first: MotionSignals, second: MotionSignals) -> Correlation:
 
     n_first, n_second = first.known.shape[1], second.known.shape[1]
     if not n_first or not n_second:
-        return Correlation(0, np.zeros(1), np.zeros(1))
+        return Correlation(0, np.zeros(1))
     n_channels = min(len(first.values), len(second.values))
     size = next_fast_len(n_first + n_second - 1, real=True)
 
@@ -69,7 +68,7 @@ def correlate(first: MotionSignals, second: MotionSignals) -> Correlation:
     correlation = product(first.values, second.values) / np.sqrt(np.maximum(energy, 1e-12))
     score = np.where(enough, correlation * np.sqrt(np.maximum(overlap_s, 0.0)), 0.0)
     shift = first.first - second.first - (n_second - 1)
-    return Correlation(shift, score / _chance(score[enough]), np.maximum(overlap_s, 0.0))
+    return Correlation(shift, score / chance_of(score[enough]))
 
 
 def min_overlap_s(first: MotionSignals, second: MotionSignals) -> float:
@@ -93,7 +92,7 @@ def _n_common(first: MotionSignals, second: MotionSignals) -> int:
     return int((first.known[:n].any(axis=1) & second.known[:n].any(axis=1)).sum())
 
 
-def _chance(score: Float[np.ndarray, " shift"]) -> float:
-    """Robust standard deviation of scores around 0."""
+def chance_of(score: Float[np.ndarray, " shift"]) -> float:
+    """Robust standard deviation of scores around 0; 1 if there are none."""
     spread = robust_sigma(score) if score.size else 0.0
     return spread if spread > 1e-6 else 1.0

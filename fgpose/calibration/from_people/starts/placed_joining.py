@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.from_people.starts.correlation import peaks
+from fgpose.calibration.from_people.starts.correlation import Correlation, chance_of, peaks
 from fgpose.calibration.from_people.starts.epipolar_shift import INDEPENDENT_S, SPREAD
 from fgpose.calibration.from_people.starts.joining import Joined, Joining
 from fgpose.calibration.from_people.starts.views import View
@@ -112,6 +112,13 @@ class _Compared:
         gain = np.nan_to_num(self.chance - self.pair.costs(shift_s))
         _, block = np.unique(np.floor(self.pair.time_s / INDEPENDENT_S), return_inverse=True)
         return np.bincount(block, gain) / np.maximum(np.bincount(block), 1)
+
+
+def fits_at_shifts(other: View, view: View) -> Correlation:
+    """How much better than by chance the joints of two tracks fit, at every shift between the clocks of placed cameras;
+    in units of what chance makes of that."""
+    compared = _Compared.of(other, view)
+    return Correlation(compared.first, compared.gain / chance_of(compared.gain[compared.gain != 0]))
 
 
 def _independent(time_s: Float[np.ndarray, " sample"]) -> float:

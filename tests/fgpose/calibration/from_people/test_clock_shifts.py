@@ -28,7 +28,6 @@ def test_the_correlation_is_highest_at_the_shift_of_the_clocks() -> None:
     correlation = correlate(first, second)
     best = correlation.score.argmax()
     assert correlation.shifts[best] == 243
-    assert correlation.overlap_s[best] == pytest.approx(250 / TELLING_HZ)
     assert correlation.at(np.array([243, 10_000]))[1] == 0
     assert correlation.mirrored.at(np.array([-243]))[0] == correlation.score[best]
     second_best = correlation.score[peaks(correlation.score, 2)[1]]
@@ -42,7 +41,6 @@ def test_unknown_samples_do_not_count() -> None:
     first = MotionSignals(0, np.where(known, values, 0.0), known, 1.0)
     correlation = correlate(first, noise_signals(0, values))
     assert correlation.shifts[correlation.score.argmax()] == 0
-    assert correlation.overlap_s.max() == pytest.approx(200 / TELLING_HZ, rel=0.05)
 
 
 @pytest.mark.parametrize("in_3d", [True, False])
