@@ -7,6 +7,8 @@ from jaxtyping import Float
 
 STANDING = 0.1
 """Somebody who stands still tells a tenth of what a walker at one radius of the body (0.5 m) per second does."""
+INLIER_SHARE = 0.2
+"""Of the body's radius: joints of views that are further apart are not those of one person."""
 # Somebody who walks towards the camera grows by a fifth in this time at most; a crouch or a missing joint is over.
 _MEDIAN_S = 1.0
 

@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.unknowns import FOCAL, OFFSET, TRANSLATION, Groups
+from fgpose.calibration.from_people.body_size import INLIER_SHARE
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
-from fgpose.calibration.from_people.rig.evidence import INLIER_SHARE, body_radius_px, frames_of
+from fgpose.calibration.from_people.rig.evidence import body_radius_px, frames_of
 from fgpose.calibration.from_people.rig.focal_check import check_focal
 from fgpose.calibration.from_people.rig.scaffold import scaffolds
 from fgpose.calibration.from_people.rig.somebody_else import with_the_walker

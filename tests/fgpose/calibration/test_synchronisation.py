@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
+import gtsam
 import numpy as np
 import pytest
 
 from fgpose.calibration.synchronisation import synchronise
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose_benchmarks.synthetic import embedded_motion, find_studio, ring_rig
@@ -123,6 +125,24 @@ def test_why_a_camera_fits_at_no_moment(change: Callable[[Detections], Detection
     finding = next(each for each in found.findings if each.camera == "cam_2")
     assert words in finding.reason
     assert "walk" not in finding.remedy
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turn_deg", [8.0, 0.0])
+def test_a_camera_that_was_turned_is_told_from_one_that_filmed_somebody_else(turn_deg: float) -> None:
+    scene, other = walked(seed=1, seconds=20.0), walked(seed=51, seconds=20.0)
+    people, rig = scene.observations, scene.rig
+    if turn_deg:
+        turn = gtsam.Pose3(gtsam.Rot3.Pitch(np.deg2rad(turn_deg)), np.zeros(3)).matrix()
+        turned = [replace(each, world_T_camera=each.world_T_camera @ turn) for each in rig.cameras[1:2]]
+        rig = CameraRig((rig.cameras[0], *turned, *rig.cameras[2:]))
+    else:
+        images = [each for each in people.images if each.camera != "cam_2"]
+        images += [each for each in other.observations.images if each.camera == "cam_2"]
+        people = PeopleObservations(H36M, rig.names, tuple(sorted(images, key=lambda each: each.time_s)))
+    finding = next(each for each in synchronise(people, rig).findings if each.camera == "cam_2")
+    assert ("moved or turned since its calibration" in finding.reason) == bool(turn_deg)
+    assert ("walk" in finding.remedy) == (not turn_deg)
 
 
 # Of the first, by motion alone three cameras show two persons; of the second only all together tell who is who.

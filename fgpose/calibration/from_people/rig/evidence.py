@@ -17,8 +17,6 @@ from fgpose.sampling import spread_evenly, usual_step_s
 from fgpose.skeleton import Skeleton
 from fgpose_factors.robust_statistics import known_median
 
-INLIER_SHARE = 0.2
-"""Of the body's radius: joints of views that are further apart are not those of one person."""
 # Joints move almost uniformly for so long before and after a frame, and their errors are correlated over longer: wider
 # windows follow the swing of a limb less, narrower ones are noisier.
 _VELOCITY_S = 0.11

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.rigs import angle_deg
+from fgpose.calibration.from_people.body_size import INLIER_SHARE
 from fgpose.calibration.from_people.rig.evidence import (
-    INLIER_SHARE,
     Evidence,
     body_joints,
     body_radius_px,
@@ -28,6 +28,7 @@ from fgpose.calibration.from_people.rig.relative_pose import LEAST_POINTS, Relat
 from fgpose.calibration.from_people.rig.unit import unit_of
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.resection import resect
 from fgpose.geometry.triangulation import triangulate_robust
 
 _MAX_FRAMES = 150  # five seconds a frame in a walk of minutes: twice as many change no choice on the tuning scenes
@@ -178,29 +179,10 @@ class _Views:
 
     def _placed(self, c: int, joints: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "4 4"] | None:
         """world_T_camera of a camera that sees joints whose place is known."""
-        import cv2
-
         points_px = self.evidence.sightings.measured_px[:, c]
         known = np.isfinite(joints).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
-        if known.sum() < LEAST_POINTS:
-            return None
-        points, image, K = joints[known], points_px[known], self.intrinsics.cameras[c].K
-        found, rotation, t, inliers = cv2.solvePnPRansac(
-            points,
-            image,
-            K,
-            None,
-            iterationsCount=300,
-            reprojectionError=INLIER_SHARE * self.radius_px,
-            confidence=0.9999,
-            flags=cv2.SOLVEPNP_SQPNP,
-        )
-        if not found or inliers is None or len(inliers) < LEAST_POINTS:
-            return None
-        inner = inliers[:, 0].astype(int)
-        rotation, t = cv2.solvePnPRefineLM(points[inner], image[inner], K, None, rotation, t)
-        camera = Camera.from_world_to_camera("", (1, 1), np.eye(3), cv2.Rodrigues(rotation)[0], t[:, 0])
-        return camera.world_T_camera
+        K = self.intrinsics.cameras[c].K
+        return resect(joints[known], points_px[known], K, INLIER_SHARE * self.radius_px, LEAST_POINTS)
 
     def _residual(self, c: int, pose: np.ndarray, joints: Float[np.ndarray, "frame joint 3"]) -> float:
         """Median reprojection error as a share of the body's radius; infinite where half the joints are behind."""

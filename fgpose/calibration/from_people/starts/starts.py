@@ -108,19 +108,25 @@ def find_starts(
 
     # Most tracks are asked for again where one camera is tried otherwise.
     signals = cache(partial(motion_signals, skeleton=skeleton))
-    view = cache(partial(View.of, placed=placed))
+    view = cache(View.of)
 
-    def join(tracks: Sequence[Track], known_s: Mapping[int, float]) -> Joining:
-        views = [view(track, camera) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
+    def views_of(tracks: Sequence[Track], rig: CameraRig, *, placed: bool = placed) -> list[View]:
+        return [view(track, camera, placed=placed) for track, camera in zip(tracks, rig.cameras, strict=True)]
+
+    def join(
+        tracks: Sequence[Track], rig: CameraRig, known_s: Mapping[int, float], *, placed: bool = placed
+    ) -> Joining:
+        views = views_of(tracks, rig, placed=placed)
         return join_placed(views, known_s) if placed else join_cameras([*map(signals, tracks)], views, known_s)
 
-    views = [view(track, camera) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
+    views = views_of(tracks, intrinsics)
     findings = [nobody(name) for name, track in zip(names, tracks, strict=True) if not len(track.time_s)]
     if all(name in given and given[name].sigma_s == 0 for name in names):
         return _as_given(names, given, views, findings)
-    joining = join(tracks, given_s)
+    joining = join(tracks, intrinsics, given_s)
     join_again = partial(join, known_s=joining.offsets_s)
-    findings += _not_joined(tracks, joining, intrinsics, skeleton, signals, join_again)
+    join_anywhere = partial(join_again, placed=False) if placed else None
+    findings += _not_joined(tracks, joining, intrinsics, skeleton, signals, join_again, join_anywhere)
     shifts = _pair_shifts(views, joining.offsets_s)
     doubles = same_camera(names, views, joining.offsets_s)
     trusted = [c for c in sorted(joining.offsets_s) if names[c] not in {finding.camera for finding in doubles}]
@@ -134,6 +140,7 @@ def _not_joined(
     skeleton: Skeleton,
     signals: Callable[[Track], MotionSignals],
     join: Join,
+    join_anywhere: Join | None,
 ) -> list[CalibrationFinding]:
     """Why cameras that see somebody have not joined."""
     missing = [c for c, track in enumerate(tracks) if c not in joining.offsets_s and len(track.time_s)]
@@ -142,7 +149,7 @@ def _not_joined(
     moves = float(np.median([signals(track).moves for track in tracks if len(track.time_s)]))
     nobody_joined = not joining.offsets_s
     return [
-        other_cause(c, tracks, joining.offsets_s, intrinsics, skeleton, join)
+        other_cause(c, tracks, joining.offsets_s, intrinsics, skeleton, join, join_anywhere)
         or not_joined(
             intrinsics.names[c], signals(tracks[c]), joining.joined.get(c), moves, nobody_joined=nobody_joined
         )

@@ -48,9 +48,17 @@ class View:
 
     def essential_with(self, other: View) -> Float[np.ndarray, "3 3"]:
         """Essential matrix of two placed cameras: lines in this view of points in the other."""
+        return essential_matrix(self._pose @ np.linalg.inv(other._pose))
+
+    @property
+    def projection(self) -> Float[np.ndarray, "3 4"]:
+        """Matrix of a placed camera, of unit focal length."""
+        return self._pose[:3]
+
+    @property
+    def _pose(self) -> Float[np.ndarray, "4 4"]:
         assert self.camera_T_world is not None
-        assert other.camera_T_world is not None
-        return essential_matrix(self.camera_T_world @ np.linalg.inv(other.camera_T_world))
+        return self.camera_T_world
 
     def at(self, time_s: Float[np.ndarray, " sample"]) -> Float[np.ndarray, "sample joint 2"]:
         """Joints between two images; NaN where not known in both."""
