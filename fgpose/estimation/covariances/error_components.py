@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.estimation.covariances.alike_frames import AVERAGED_S, AlikeFrames
 from fgpose.estimation.covariances.detection_errors import (
     ErrorProducts,
     TellingDetections,
@@ -42,8 +43,7 @@ from fgpose.sampling import spread_evenly, usual_step_s
 
 # So many samples are drawn at once, until they are so many independent pieces of the time over which they are averaged.
 # The inverse of a covariance from n of these is n / (n - 4) times as large as it should be on average.
-_SAMPLES, _AVERAGED_S, _PIECES = 8, 1.0, 64
-_NEXT_TO_NOTHING_M2 = 1e-12
+_SAMPLES, _PIECES = 8, 64
 _LEAST_TELLING = 1e-3  # of the variance of the graph
 _CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 
@@ -64,15 +64,13 @@ def covariance_of_errors_m2(
         rng = np.random.default_rng(0)
         lasting_in_views = _lasting_in_views(segment, linearized, telling)
         deviations = Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views)
-        known = np.asarray(np.isfinite(covariance_m2[:, joints]).all(axis=(-1, -2)))
-        in_graph_m2 = np.where(known[..., None, None], covariance_m2[:, joints], 0.0)
-        of_graph_m2 = _averaged(in_graph_m2, step_s) + _NEXT_TO_NOTHING_M2 * np.eye(3)
-        tells = known & segment.evidence.observed[:, joints]
-        of_motion = share_of_motion(linearized, deviations, of_graph_m2, tells, step_s, rng)
-        # In the directions and units of the covariance of the graph, which knows each frame.
-        inverse = np.linalg.inv(np.linalg.cholesky(of_graph_m2))
-        relative = inverse @ deviations.covariance_m2 @ inverse.swapaxes(-1, -2)
+        in_graph_m2 = covariance_m2[:, joints]
+        alike = AlikeFrames.of(in_graph_m2, np.asarray(linearized.weight > 0).sum(axis=1), step_s)
+        tells = segment.evidence.observed[:, joints]
+        of_motion = share_of_motion(linearized, deviations, in_graph_m2, alike, tells, step_s, rng)
+        relative = alike.relative(deviations.covariance_m2)
         relative += np.maximum(of_motion, LEAST_FACTOR)[..., None, None] * np.eye(3)
+        known = alike.known
         root = np.linalg.cholesky(in_graph_m2[known])
         found_m2 = root @ relative[known] @ root.swapaxes(-1, -2) + (bias_share * of_cameras_m2)[known]
     frames, slots = np.nonzero(known)
@@ -88,7 +86,7 @@ class Deviations:
 
     samples_m: Float[np.ndarray, "sample frame slot 3"]
     covariance_m2: Float[np.ndarray, "frame slot 3 3"]
-    """Averaged over some time."""
+    """Of as many samples as tell it once it is averaged over AVERAGED_S."""
 
     @staticmethod
     def of(
@@ -109,14 +107,13 @@ class Deviations:
             of_views = np.broadcast_to(_of_views(time_s, components, lasting), linearized.weight.shape[1:])
             sigma = np.sqrt(of_views[..., None] * variance[:, None] * components.axes)
             correlation = float(correlation_after(time_s, np.array([step_s]))[0])
-            own_m2, rounds = np.zeros_like(covariance_m2), _rounds(time_s, n_frames, step_s)
+            rounds, share = _rounds(time_s, n_frames, step_s), bias_share if np.isinf(time_s) else 1.0
             for number in range(rounds):
                 errors = _samples(linearized.weight.shape, correlation, rng)
                 own_m = np.stack([linearized.deviation_m(sigma * (mixing @ sample)) for sample in errors])
-                own_m2 += np.einsum("stja,stjb->tjab", own_m, own_m) / (rounds * _SAMPLES)
+                covariance_m2 += share * np.einsum("stja,stjb->tjab", own_m, own_m) / (rounds * _SAMPLES)
                 if number == 0:
                     samples_m += own_m
-            covariance_m2 += _averaged(own_m2, step_s) * (bias_share if np.isinf(time_s) else 1.0)
         return Deviations(samples_m, covariance_m2)
 
 
@@ -124,6 +121,7 @@ def share_of_motion(
     linearized: Linearized,
     deviations: Deviations,
     of_graph_m2: Float[np.ndarray, "frame slot 3 3"],
+    alike: AlikeFrames,
     tells: Bool[np.ndarray, "frame slot"],
     step_s: float,
     rng: np.random.Generator,
@@ -138,7 +136,8 @@ def share_of_motion(
     Args:
         linearized: the problem.
         deviations: from errors as they are.
-        of_graph_m2: covariance of the graph, averaged as the deviations are.
+        of_graph_m2: covariance of the graph.
+        alike: the frames over which is averaged.
         tells: the joints whose residuals count.
         step_s: from frame to frame.
         rng: of the errors.
@@ -149,13 +148,12 @@ def share_of_motion(
 
     white = Deviations.of(linearized, ErrorComponents.white(tells.shape[1]), 1.0, step_s, rng)
     twice_m = np.stack([filtered_m(sample) for sample in white.samples_m])
-    in_graph_m2 = _averaged(np.sum(twice_m * (white.samples_m - twice_m), axis=(0, -1)) / _SAMPLES, step_s)
+    in_graph_m2 = alike.averaged(np.sum(twice_m * (white.samples_m - twice_m), axis=(0, -1)) / _SAMPLES)
     off_m = np.stack([sample - filtered_m(sample) for sample in deviations.samples_m])
-    noise_m2 = _averaged(np.sum(off_m**2, axis=(0, -1)) / _SAMPLES, step_s)
+    noise_m2 = alike.averaged(np.sum(off_m**2, axis=(0, -1)) / _SAMPLES)
     found_m2 = np.sum(linearized.deviation_m(linearized.residual) ** 2, axis=-1)
-    total_m2 = np.trace(of_graph_m2, axis1=-2, axis2=-1)
-    share = np.maximum(1 - np.trace(white.covariance_m2, axis1=-2, axis2=-1) / total_m2, 0.0)
-    tells = tells & (in_graph_m2 > _LEAST_TELLING * total_m2)
+    share = np.maximum(1 - np.trace(alike.relative(white.covariance_m2), axis1=-2, axis2=-1) / 3, 0.0)
+    tells = alike.known & tells & (in_graph_m2 > _LEAST_TELLING * np.trace(of_graph_m2, axis1=-2, axis2=-1))
     if not tells.any():
         return share
     measurements = float(tells.sum()) * min(step_s / TELLS_AGAIN_S, 1.0)
@@ -265,13 +263,5 @@ def _samples(
 
 def _rounds(time_s: float, n_frames: int, step_s: float) -> int:
     """How many times samples of errors that last for so long are drawn."""
-    pieces_of_sample = max(min(_AVERAGED_S, n_frames * step_s) / max(time_s, step_s), 1.0)
+    pieces_of_sample = max(min(AVERAGED_S, n_frames * step_s) / max(time_s, step_s), 1.0)
     return max(round(_PIECES / _SAMPLES / pieces_of_sample), 1)
-
-
-def _averaged(values: Float[np.ndarray, "frame slot *more"], step_s: float) -> Float[np.ndarray, "frame slot *more"]:
-    from scipy.ndimage import uniform_filter1d
-
-    # Frames may be nanoseconds apart: to average more than there are tells nothing, and takes memory without bound.
-    width = np.clip(int(_AVERAGED_S / step_s), 1, 2 * len(values))
-    return uniform_filter1d(values, int(width), axis=0, mode="nearest")

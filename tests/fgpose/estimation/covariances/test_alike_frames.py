@@ -1,0 +1,53 @@
+"""Covariances of frames beside those in which nobody sees a joint."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.estimation.covariances.alike_frames import AlikeFrames
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, motion_from_npz, simulate
+from tests.conftest import MOCAP
+
+NINETIETH = 6.251  # of the chi-squared distribution with three degrees of freedom
+
+
+def test_frames_are_averaged_with_those_that_are_alike() -> None:
+    n_views = np.full((300, 1), 4)
+    n_views[100:140] = 0
+    graph_m2 = np.where(n_views == 0, 1.0, 1e-4)[..., None, None] * np.eye(3)
+    graph_m2[200] = np.nan
+    alike = AlikeFrames.of(graph_m2, n_views, 1 / 50)
+    found_m2 = np.where(n_views == 0, 1e-3, 5e-5)[..., None, None] * np.eye(3)
+    share = np.trace(alike.relative(found_m2), axis1=-2, axis2=-1)[:, 0] / 3
+    assert share[200] == 0
+    known = np.arange(300) != 200
+    # 0.5 of what is seen and 0.001 of what is not; beside the others five frames of all count with twelve or more.
+    assert (share[known & (n_views[:, 0] == 4)] > 0.4).all()
+    np.testing.assert_allclose(share[known & (np.abs(np.arange(300) - 120) > 50)], 0.5)
+    assert (share[100:140] < 0.1).all()
+
+
+@pytest.mark.slow
+def test_seen_frames_beside_an_occlusion_are_not_too_certain(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    """Of somebody whom nobody sees for 0.8 s now and then. Averaged with what is hidden, 63 % of the errors beside it
+    were in the ellipsoids, and standard deviations 0.83 times those far from it."""
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_10.npz")
+    truth_m = truth_m[:600:2]
+    noise = DetectionNoise(sigma_px=1.0, correlated_px=5.0, outlier_share=0.0)
+    recorded = simulate(truth_m, skeleton, rig, fps / 2, noise, NO_OCCLUSION, seed=0).observations
+    phase_s = recorded.frame_time_s % 3.0
+    hidden, beside = (phase_s >= 1.5) & (phase_s < 2.3), (phase_s >= 1.25) & (phase_s < 2.55)
+    where = np.broadcast_to(hidden[:, None, None], recorded.confidence.shape)
+    found = fgpose.smooth(replace(recorded.without(where), points3d_m=None, covariance3d_m2=None), rig)
+    assert found.covariance_m2 is not None
+    error_m = found.positions_m - truth_m
+    squared = np.einsum("tji,tjik,tjk->tj", error_m, np.linalg.inv(found.covariance_m2), error_m)
+    sigma_m = np.sqrt(np.trace(found.covariance_m2, axis1=-2, axis2=-1) / 3)
+    near = beside & ~hidden
+    # 75 % and 0.95: motion over the gap is less smooth than the graph has it.
+    assert np.mean(squared[near] < NINETIETH) > 0.7
+    assert sigma_m[near].mean() > 0.9 * sigma_m[~beside].mean()
