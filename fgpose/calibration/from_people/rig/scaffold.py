@@ -25,10 +25,10 @@ from fgpose.calibration.from_people.rig.evidence import (
 )
 from fgpose.calibration.from_people.rig.procrustes import procrustes_pose
 from fgpose.calibration.from_people.rig.relative_pose import LEAST_POINTS, RelativePose, relative_poses
+from fgpose.calibration.from_people.rig.resection import resect
 from fgpose.calibration.from_people.rig.unit import unit_of
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.resection import resect
 from fgpose.geometry.triangulation import triangulate_robust
 
 _MAX_FRAMES = 150  # five seconds a frame in a walk of minutes: twice as many change no choice on the tuning scenes

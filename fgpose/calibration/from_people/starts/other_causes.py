@@ -9,12 +9,12 @@ import numpy as np
 
 from fgpose.calibration.from_people.body_size import INLIER_SHARE
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
+from fgpose.calibration.from_people.rig.resection import resect
 from fgpose.calibration.from_people.starts.joining import Joining
 from fgpose.calibration.from_people.starts.views import View
 from fgpose.calibration.from_people.tracks import no_track
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.resection import resect
 from fgpose.geometry.triangulation import triangulate
 from fgpose.sampling import spread_evenly
 from fgpose.skeleton import Skeleton
