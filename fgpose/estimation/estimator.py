@@ -8,8 +8,9 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.image_checks.checks import ImageChecks
 from fgpose.estimation.evidence.image_checks.left_out import left_out_px, showing_left_out
-from fgpose.estimation.online.arrivals import Ahead, Turns, check_frame, one_frame, one_image
+from fgpose.estimation.online.arrivals import Ahead, Turns, check_frame, check_later, one_frame, one_image
 from fgpose.estimation.online.clock_offsets import RunningOffsets
+from fgpose.estimation.online.one_moment import OneMoment
 from fgpose.estimation.parts.online import HungPart, of_whole_body
 from fgpose.estimation.parts.part_estimator import PartEstimator
 from fgpose.estimation.parts.whole import of_part
@@ -49,7 +50,7 @@ class Estimator:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         body = skeleton.of_joints(skeleton.body) if skeleton.parts else skeleton
         self._body = PartEstimator(rig, body, self.config, offsets)
-        self._turns, self._ahead = Turns(), Ahead(rig.names)
+        self._turns, self._ahead, self._one_moment = Turns(), Ahead(rig.names), OneMoment(rig.names)
         self._checks = ImageChecks.none(rig.n_cameras, skeleton)
         self._left_out_px = np.full((rig.n_cameras, skeleton.n_joints, 2), np.nan)  # of the newest frame
         self._parts = [HungPart(part, skeleton, rig, self.config, self._body.offsets) for part in skeleton.parts]
@@ -100,7 +101,8 @@ class Estimator:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
 
         Detections that make no body are left out, as if nobody had been detected (Estimate.is_implausible); so are
-        those that repeat the image before to the last digit, and views that go over to somebody else. The image of one
+        those that repeat the image before to the last digit, views that go over to somebody else, and images that were
+        taken far from most of the frame, by the times of the cameras (OneMoment). The image of one
         camera alone (the others have no time, or are not in the frame) is taken as update_camera takes it, as
         are those of cameras that show somebody in turns: it may join the frame before, whose pose is returned then.
 
@@ -108,12 +110,17 @@ class Estimator:
             ValueError: there is more than one frame, a camera is not in the rig, the skeleton differs, or time does
                 not increase (TooLateError: a repeated or older frame); or none of the first frames makes a body: the
                 calibration is in millimetres. The estimator is then as it was before.
+
+        Warns:
+            UserWarning: images of a camera are left out, as they were taken far from the others.
         """
-        check_frame(frame, self.skeleton, self._body.newest_s)
+        check_frame(frame, self.skeleton)
         seen = frame.with_cameras(self.rig.names)
         taken_s = np.broadcast_to(seen.time_s, (1, self.rig.n_cameras))[0]
         if frame.n_cameras < self.rig.n_cameras:
             taken_s = np.where(np.isin(self.rig.names, frame.camera_names), taken_s, np.nan)
+        seen, taken_s = self._one_moment.of(seen, taken_s, self._body.usual_step_s)
+        check_later(seen, self._body.newest_s)
         shows = seen.seen[0].any(axis=1)
         taken_s = self._turns.taken_s(shows, taken_s)
         estimate = self._take(seen, taken_s)

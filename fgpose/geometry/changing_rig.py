@@ -18,7 +18,7 @@ from fgpose.geometry.camera import Camera, CameraRig
 # The motion of a fast limb over such a time is known to centimetres, and what is taken for motion then feeds itself:
 # somebody who works, four cameras of which one is late, errors (95 %) of 36 mm at 0.07 s and 400 mm at 0.1 s. With up
 # to 0.08 s, those of somebody who walks are a quarter larger than with synchronous cameras.
-_TOGETHER_S = 0.085
+TOGETHER_S = 0.085
 
 
 def is_changing(rig: CameraRig) -> bool:
@@ -49,7 +49,7 @@ def warn_far_apart(rig: CameraRig, name: object = "the rig") -> None:
     late_s = rig.time_offsets_s
     first, last = int(np.argmin(late_s)), int(np.argmax(late_s))
     apart_s = float(late_s[last] - late_s[first])
-    if apart_s > _TOGETHER_S:
+    if apart_s > TOGETHER_S:
         warnings.warn(
             f"by the time offsets of {name}, {rig.names[last]} takes images {apart_s:.3g} s later than "
             f"{rig.names[first]} with equal time stamps: what is estimated of them as they come is far off, by more "

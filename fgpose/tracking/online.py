@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence, Set
 
 import numpy as np
@@ -12,6 +13,7 @@ from fgpose.association.track import Track, Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.online.arrivals import ENOUGH_OF_ONE, FAR_S
 from fgpose.estimation.online.clock_offsets import RunningOffsets
+from fgpose.estimation.online.one_moment import OneMoment, taken_together
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.io.skeletons import as_skeleton
@@ -26,6 +28,7 @@ from fgpose.tracking.memory import go_on, memory_of
 from fgpose.tracking.parallel import ParallelEstimators
 
 _APPLY_OFFSETS_S = 0.5
+_REMEMBERED_STEPS = 50
 _MOST_EVENTS = 1000  # of hours, for those who never ask
 
 
@@ -63,7 +66,8 @@ class Tracker:
         self._waiting: list[Detections] = []
         """Images that are far later than all before."""
         self._image_s: dict[str, float] = {}
-        self._pace = Pace()
+        self._pace, self._steps_s = Pace(), deque[float](maxlen=_REMEMBERED_STEPS)
+        self._one_moment = OneMoment(rig.names)
         self._told_of: set[str] = set()
         """Cameras whose images are not used, which was said."""
         self._has_covariance: bool | None = None
@@ -111,7 +115,8 @@ class Tracker:
 
         Warns:
             UserWarning: a process of estimators ended or did not answer; the estimates of its people begin anew. Images
-                of a camera are left out, as they are far later than all others; or times are not in seconds.
+                of a camera are left out, as they are far later than all others, or were taken far from those given with
+                them (OneMoment); or times are not in seconds.
         """
         taken = self._taken(images)
         if not images:
@@ -168,7 +173,8 @@ class Tracker:
                     f"{self.skeleton.n_joints}"
                 )
         given = [*self._waiting, *images]
-        images, waiting = _believed(images, self._waiting, newest, self.rig.n_cameras)
+        believed, waiting = _believed(images, self._waiting, newest, self.rig.n_cameras)
+        images = [image for moment in _moments(believed) for image in self._taken_together(moment)]
         for image in sorted(images, key=lambda image: image.time_s):
             if image.time_s <= newest.get(image.camera, -np.inf):
                 raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:.13g} s")
@@ -192,10 +198,21 @@ class Tracker:
         for camera, time_s in newest.items():
             if time_s > self._image_s.get(camera, np.inf):
                 self._pace.add(time_s - self._image_s[camera])
+                self._steps_s.append(time_s - self._image_s[camera])
         self._image_s, self._with_appearance = newest, with_appearance[:1]
         self._has_covariance, self._waiting = has_covariance, waiting
-        self._warn_of_unused(given, {image.camera for image in (*images, *waiting)})
+        self._warn_of_unused(given, {image.camera for image in (*believed, *waiting)})
         return images
+
+    def _taken_together(self, images: list[Detections]) -> list[Detections]:
+        """Without those that were taken far from the others."""
+        step_s = float(np.median(self._steps_s)) if self._steps_s else 0.0
+        taken_s = np.array([image.time_s for image in images])
+        together = taken_together(taken_s, step_s)
+        usual_s = float(taken_s[together].mean())
+        left_out = [image for image, is_kept in zip(images, together.tolist(), strict=True) if not is_kept]
+        self._one_moment.warn({image.camera: image.time_s - usual_s for image in left_out})
+        return [image for image in images if image not in left_out]
 
     def _warn_of_unused(self, given: Sequence[Detections], believed: Set[str]) -> None:
         """Once for each camera."""

@@ -173,12 +173,16 @@ def with_image(frame: Observations, image: Observations, of_image: Bool[np.ndarr
     return replace(frame, **{name: taken(own[name], detections[name]) for name in own})
 
 
-def check_frame(frame: Observations, skeleton: Skeleton, newest_s: float) -> None:
-    """Raise ValueError unless this is one frame of the skeleton, TooLateError unless it is later than the newest."""
+def check_frame(frame: Observations, skeleton: Skeleton) -> None:
+    """Raise ValueError unless this is one frame of the skeleton."""
     if frame.n_frames != 1:
         raise ValueError(f"update takes one frame at a time, got {frame.n_frames}; use observations.frames(...)")
     if frame.skeleton != skeleton:
         raise ValueError(f"the frame has skeleton {frame.skeleton.name}, the estimator {skeleton.name}")
+
+
+def check_later(frame: Observations, newest_s: float) -> None:
+    """Raise TooLateError unless this frame is later than the newest."""
     if frame.frame_time_s[0] <= newest_s:
         raise TooLateError(
             f"time must increase: got a frame at {frame.frame_time_s[0]:.13g} s after one at {newest_s:.13g} s; "

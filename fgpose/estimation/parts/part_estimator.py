@@ -103,6 +103,11 @@ class PartEstimator:
         return self._window[-1].image_time_s
 
     @property
+    def usual_step_s(self) -> float:
+        """From one image of a camera to its next; 0 until there have been two frames."""
+        return self._arrivals.usual_step_s if len(self._window) > 1 else 0.0
+
+    @property
     def offsets(self) -> RunningOffsets:
         """What is learned of the cameras' time offsets, to be shared."""
         return self._offsets
