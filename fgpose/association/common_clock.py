@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.changing_rig import held_by, in_pieces, is_changing, later_s, pieces_of
+from fgpose.geometry.changing_rig import TOGETHER_S, held_by, in_pieces, is_changing, later_s, pieces_of
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.sampling import usual_step_s
@@ -23,7 +23,8 @@ Recording = TypeVar("Recording", Observations, PeopleObservations)
 
 def on_common_clock(people: Recording, rig: CameraRig) -> tuple[Recording, CameraRig]:
     """The recording by the clock of the rig, if a camera's time offset is more than half a frame, if a clock or a pose
-    changes or if cameras take turns so that most frames are one image (single_images_together); else as it is.
+    changes, if most frames hold images of other moments by the times of the cameras (are_far_apart) or if cameras take
+    turns so that most frames are one image (single_images_together); else as it is.
 
     The estimators correct small offsets by the motion of the joints. Videos that began seconds apart must have the
     right images put together first: the clocks of the rig are applied to the times of the images, and its offsets are
@@ -42,7 +43,7 @@ def on_common_clock(people: Recording, rig: CameraRig) -> tuple[Recording, Camer
         step_s = min(usual_step_s(people.times_s(name)) for name in rig.names)
     else:
         step_s = usual_step_s(people.frame_time_s)
-    is_off = is_changing(rig) or is_far_off(rig, step_s)
+    is_off = is_changing(rig) or is_far_off(rig, step_s) or are_far_apart(people, step_s)
     return _together(people, rig, in_any_case=is_off) or (people, rig)
 
 
@@ -130,3 +131,14 @@ def _without_doubles(images: Iterable[Detections]) -> tuple[Detections, ...]:
 def is_far_off(rig: CameraRig, step_s: float) -> bool:
     """Whether a camera of the rig is late or early by more than half a frame of this length."""
     return bool(np.abs(rig.time_offsets_s).max() > _DELAYS_FRAMES * step_s)
+
+
+def are_far_apart(people: Recording, step_s: float) -> bool:
+    """Whether the images of most frames were taken so far apart that they belong to others, by the times of the
+    cameras."""
+    time_s = people.frames.time_s if isinstance(people, PeopleObservations) else people.time_s
+    if time_s.ndim == 1:
+        return False
+    several = np.isfinite(time_s).sum(axis=1) > 1
+    apart_s = np.nanmax(time_s[several], axis=1) - np.nanmin(time_s[several], axis=1)
+    return bool(len(apart_s)) and float(np.median(apart_s)) > max(TOGETHER_S, step_s)

@@ -16,10 +16,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.common_clock import on_common_clock, single_images_together
+from fgpose.association.common_clock import are_far_apart, on_common_clock, single_images_together
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
+from fgpose.sampling import usual_step_s
 
 _ROUNDING_S = 1e-9
 """The mean of equal times differs from them by rounding."""
@@ -31,8 +32,8 @@ _CARRIED_ON_S = 0.1
 
 
 def of_one_moment(observations: Observations, rig: CameraRig) -> tuple[Observations, CameraRig]:
-    """The same by the mean clock of the cameras; where one of them is far from it, or most frames are one image, the
-    images that were taken together make other frames (on_common_clock).
+    """The same by the mean clock of the cameras; where one of them is far from it, images of most frames were taken far
+    apart, or most frames are one image, the images that were taken together make other frames (on_common_clock).
 
     Raises:
         ValueError: the cameras differ, or a clock or a pose changes.
@@ -40,7 +41,8 @@ def of_one_moment(observations: Observations, rig: CameraRig) -> tuple[Observati
     observations.check_cameras(rig.names)
     refuse_changing(rig)
     observations, rig = by_mean_clock(observations, rig)
-    if np.abs(rig.time_offsets_s).max() > _CARRIED_ON_S:
+    step_s = usual_step_s(observations.frame_time_s)
+    if np.abs(rig.time_offsets_s).max() > _CARRIED_ON_S or are_far_apart(observations, step_s):
         return on_common_clock(observations, rig)
     return single_images_together(observations, rig) or (observations, rig)
 

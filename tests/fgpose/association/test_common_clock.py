@@ -55,6 +55,27 @@ def test_images_of_one_moment_come_together() -> None:
     assert np.median(error_m) < 0.02
 
 
+def test_frames_of_several_moments_are_put_right() -> None:
+    """Given frame by frame, each image with its time: those of a frame were taken up to 17 frames apart."""
+    rig = true_rig()
+    images = [own[:28] for own in recorded(rig, range(60)).by_camera.values()]
+    time_s = np.array([[each.time_s for each in own] for own in images]).T + LATE / FPS
+    points2d_px, confidence = (
+        np.stack([[getattr(each, name) for each in own] for own in images], axis=1)
+        for name in ("points2d_px", "confidence")
+    )
+    people = PeopleObservations.of_frames(SKELETON, rig.names, time_s, points2d_px, confidence)
+    one = people.of_person(people.only())
+    together, _ = on_common_clock(one, rig)
+    complete = np.isfinite(together.time_s).all(axis=1)
+    assert complete.sum() > 10
+    assert np.ptp(together.time_s[complete], axis=1).max() <= 1 / FPS
+    trajectory = fgpose.smooth(one, rig)
+    frames = np.round(trajectory.time_s * FPS).astype(int)
+    error_m = np.linalg.norm(trajectory.positions_m - joints_m(40)[frames], axis=-1)
+    assert np.nanmedian(error_m) < 0.02
+
+
 def test_small_offsets_are_left_to_the_estimator() -> None:
     rig = true_rig().with_time_offsets(np.array([0.0, 0.4, -0.4]) / FPS)
     people = recorded(true_rig(), range(20))
