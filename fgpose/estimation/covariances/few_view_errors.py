@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.estimation.covariances.uncertainty import at_least, holders
+from fgpose.estimation.covariances.other_side import other_side_m2, rays_to
+from fgpose.estimation.covariances.uncertainty import at_least
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import ROUNDING
 from fgpose.estimation.visibility.agreement import BONE_M, log_likelihood_of_bones
@@ -85,7 +86,7 @@ def _place_m2(
     rig: CameraRig,
 ) -> Float[np.ndarray, "point 3 3"]:
     """Covariance of a place that these views show, no larger than the reach."""
-    rays = _rays(place_m, rig)
+    rays = rays_to(place_m, rig)
     information = np.where(agree, (rig.px_per_m(place_m) / sigma_px) ** 2, 0.0)
     across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
     least = np.eye(3) / np.maximum(reach_m, ROUNDING)[:, None, None] ** 2
@@ -110,7 +111,7 @@ def sole_view_errors_m2(
     if evidence.depth_sigma_m.shape[1]:
         follows = (across_m2 > 0) & evidence.from_bones[:, None]
         depth_m2 = np.where(follows, np.nan_to_num(evidence.depth_sigma_m**2), 0.0)
-    rays = _rays(positions_m, rig)
+    rays = rays_to(positions_m, rig)
     along = rays[..., :, None] * rays[..., None, :]
     errors_m2 = across_m2[..., None, None] * (np.eye(3) - along) + depth_m2[..., None, None] * along
     return np.asarray(errors_m2.sum(axis=1))
@@ -146,31 +147,16 @@ def taken_for_mirrored_m2(
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """Second moment of where each joint would be if all views but one had taken the one on the other side of the body
     for it. That may be so where both are detected in one place. 0 for all other joints.
-
-    On the ray of that view there are two points at the right distance from the joint that holds it: the estimate,
-    and one that is as far from the camera as the estimate is near to it, or vice versa.
     """
-    moment_m2, mirror = np.zeros((*positions_m.shape, 3)), skeleton.mirror
+    mirror = skeleton.mirror
     apart_px = np.linalg.norm(evidence.undistorted_px - evidence.undistorted_px[:, :, mirror], axis=-1)
     in_one_place = (apart_px < _ONE_PLACE_SIGMAS * evidence.sigma_px) & (mirror != np.arange(len(mirror)))
     others = evidence.believed & ~in_one_place
     doubtful = in_one_place.any(axis=1) & (others.sum(axis=1) == 1)
     if not doubtful.any():
-        return moment_m2
-    rays = _rays(positions_m, rig)
-    other_ray = np.sum(np.where(others[..., None], rays, 0.0), axis=1)
-    for joint, holder in holders(skeleton):
-        bone_m, ray = positions_m[:, joint] - positions_m[:, holder], other_ray[:, joint]
-        off_m = 2 * np.nan_to_num(np.sum(bone_m * ray, axis=-1, keepdims=True) * ray)
-        own_m2 = off_m[:, :, None] * off_m[:, None] / 2  # it is as likely as the estimate
-        moment_m2[:, joint] = np.where(doubtful[:, joint, None, None], own_m2 + moment_m2[:, holder], 0.0)
-    return moment_m2
-
-
-def _rays(positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig) -> Float[np.ndarray, "frame camera joint 3"]:
-    """Unit vectors from each camera to the joints; 0 where they are not known."""
-    rays = positions_m[:, None] - rig.positions_m[:, None]
-    return np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        return np.zeros((*positions_m.shape, 3))
+    ray = np.sum(np.where(others[..., None], rays_to(positions_m, rig), 0.0), axis=1)
+    return other_side_m2(0.5 * doubtful, ray, positions_m, skeleton)  # it is as likely as the estimate
 
 
 def _reach_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> Float[np.ndarray, "frame joint"]:

@@ -13,6 +13,7 @@ from fgpose.config import Config
 from fgpose.estimation.covariances.few_view_errors import widened
 from fgpose.estimation.covariances.filter_response import FilterResponse, filter_responses, index_of_gain
 from fgpose.estimation.covariances.joints_alone import Directions, InGraph
+from fgpose.estimation.covariances.other_side import may_have_crossed, off_across, other_side_m2, sole_rays
 from fgpose.estimation.covariances.roughness import NewestPose, RunningRoughness
 from fgpose.estimation.covariances.running_errors import RunningErrors, information_by_axis, whitened
 from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR, distrust_factor_online, with_swing
@@ -35,6 +36,8 @@ class OnlineCovariances:
         self.errors, self.roughness = RunningErrors(n_cameras, skeleton.joints), RunningRoughness()
         self._config, self._information = config, np.zeros((skeleton.n_joints, 2, 3, 3))
         self._unlearned_s = 0.0
+        self._least_off = np.full(skeleton.n_joints, np.inf)
+        """off_across of each joint when it was least since two cameras saw it."""
 
     def learn(self, oldest: FrameState, rig: CameraRig) -> None:
         """From a frame that is one lag old."""
@@ -148,8 +151,22 @@ class OnlineCovariances:
         covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]
         lasting = self.errors.components.lasting
         widened_m2 = widened(covariance_m2, evidence, positions_m, lasting, rig, skeleton)
+        widened_m2 = widened_m2 + self._other_side_m2(state, widened_m2, rig)
         swing = unseen_s[None], skeleton, self._config.swing, widened_m2 - covariance_m2
         return with_swing(widened_m2, positions_m, *swing, doubt=1 - evidence.credible)[0]
+
+    def _other_side_m2(
+        self, state: FrameState, covariance_m2: Float[np.ndarray, "1 joint 3 3"], rig: CameraRig
+    ) -> Float[np.ndarray, "1 joint 3 3"]:
+        """Of joints that one camera alone sees."""
+        evidence, positions_m, skeleton = state.evidence, state.positions_m[None], state.observations.skeleton
+        self._least_off[evidence.observed[0]] = np.inf
+        ray = sole_rays(evidence, positions_m, rig)
+        if not ray.any():
+            return np.zeros_like(covariance_m2)
+        self._least_off = np.minimum(self._least_off, off_across(ray, positions_m, covariance_m2, skeleton)[0])
+        share = may_have_crossed(self._least_off)[None] * ray.any(axis=-1)
+        return other_side_m2(share, ray, positions_m, skeleton)
 
 
 @lru_cache(maxsize=16)  # asked for at every update
