@@ -37,7 +37,8 @@ class OnlineCovariances:
         self._config, self._information = config, np.zeros((skeleton.n_joints, 2, 3, 3))
         self._unlearned_s = 0.0
         self._least_off = np.full(skeleton.n_joints, np.inf)
-        """off_across of each joint when it was least since two cameras saw it."""
+        """off_across of each joint when it was least since two cameras saw it, until _sides_s."""
+        self._sides_s = -np.inf
 
     def learn(self, oldest: FrameState, rig: CameraRig) -> None:
         """From a frame that is one lag old."""
@@ -160,11 +161,14 @@ class OnlineCovariances:
     ) -> Float[np.ndarray, "1 joint 3 3"]:
         """Of joints that one camera alone sees."""
         evidence, positions_m, skeleton = state.evidence, state.positions_m[None], state.observations.skeleton
-        self._least_off[evidence.observed[0]] = np.inf
         ray = sole_rays(evidence, positions_m, rig)
+        if state.at.time_s > self._sides_s:
+            self._sides_s = state.at.time_s
+            self._least_off[evidence.observed[0]] = np.inf
         if not ray.any():
             return np.zeros_like(covariance_m2)
-        self._least_off = np.minimum(self._least_off, off_across(ray, positions_m, covariance_m2, skeleton)[0])
+        if state.at.time_s == self._sides_s:
+            self._least_off = np.minimum(self._least_off, off_across(ray, positions_m, covariance_m2, skeleton)[0])
         share = may_have_crossed(self._least_off)[None] * ray.any(axis=-1)
         return other_side_m2(share, ray, positions_m, skeleton)
 
