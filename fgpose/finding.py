@@ -41,6 +41,7 @@ class Code(StrEnum):
     WRONG_CAMERA = "wrong-camera"
     NO_AGREEMENT = "no-agreement"
     CALIBRATION = "calibration"
+    PER_VIEW_JOINTS = "per-view-joints"
     # What changes in time.
     LATE_CAMERA = "late-camera"
     LOST_FRAMES = "lost-frames"
@@ -156,6 +157,7 @@ _OF_GEOMETRY = frozenset(
         Code.CLOCK_RATE,
         Code.FRAME_RATE,
         Code.UNIT,
+        Code.PER_VIEW_JOINTS,
         Code.WORLD_UP,
         Code.WRONG_SKELETON,
         Code.EXCHANGED_SIDES,
@@ -233,6 +235,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.UNIT: frozenset(
         {Code.IMPOSSIBLE_SPEED, Code.FRAME_RATE, Code.LARGE_ERRORS, Code.OUTSIDE, Code.MOVED_CAMERA, Code.BUMPED_CAMERA}
     ),
+    Code.PER_VIEW_JOINTS: _OF_ONE_CAMERA | {Code.OUTSIDE, Code.IMPOSSIBLE_SPEED, Code.NOT_CONVERGED, Code.UNDETERMINED},
     Code.THING_FOR_PERSON: _OF_ONE_CAMERA,
     Code.MOVED_CAMERA: _OF_ONE_CAMERA,
     Code.BUMPED_CAMERA: _OF_ONE_CAMERA | {Code.MOVED_CAMERA, Code.LATE_CAMERA, Code.CLOCK_RATE},

@@ -40,6 +40,7 @@ from fgpose.diagnosis.motion_checks import (
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
 from fgpose.diagnosis.seen.order import sorted_as_text
+from fgpose.diagnosis.seen.own_3d import foreign_3d
 from fgpose.diagnosis.seen.placeholders import Placeholders
 from fgpose.diagnosis.seen.presence import blind, identity_switches, never_seen, nobody, somebody_else
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
@@ -70,6 +71,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "which way is up": (wrong_up,),
     "sides": (mirrored_body, exchanged_sides),
     "what is seen": (
+        foreign_3d,
         frozen_cameras,
         repeated_images,
         smoothed_keypoints,
