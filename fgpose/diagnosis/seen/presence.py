@@ -151,18 +151,24 @@ def _shares_seen(examined: Examined) -> Float[np.ndarray, " camera"]:
 
 def never_seen(examined: Examined) -> list[Finding]:
     """Joints that two cameras never see at once."""
-    joints = examined.info.never_seen
-    if not joints:
-        return []
-    return [
-        Finding(
-            Code.NEVER_SEEN,
-            Severity.NOTE,
-            f"Never seen by two cameras at once, so not estimated: {in_words_by_part(examined.main.skeleton, joints)}",
-            "Add a camera that sees them, or use a skeleton without them.",
-            0.1,
-        )
-    ]
+    seen, joints = examined.main, examined.info.never_seen
+    points_m = np.full((1, 1, seen.skeleton.n_joints, 3), np.nan) if seen.points3d_m is None else seen.points3d_m
+    in_3d = np.asarray(np.isfinite(points_m).any(axis=(0, 1, 3)))
+    of_one_view = tuple(joint for joint in joints if in_3d[seen.skeleton.index(joint)])
+    missing = tuple(joint for joint in joints if joint not in of_one_view)
+    found = []
+    if missing:
+        remedy = "Add a camera that sees them, or use a skeleton without them."
+        found.append(_never_seen(examined, missing, "so not estimated", remedy))
+    if of_one_view and examined.rig.n_cameras > 1:  # of one camera few-cameras tells
+        remedy = "How far away they are, one view hardly tells: add a camera that sees them."
+        found.append(_never_seen(examined, of_one_view, "so estimated from the 3D of one view alone", remedy))
+    return found
+
+
+def _never_seen(examined: Examined, joints: tuple[str, ...], so: str, remedy: str) -> Finding:
+    who = in_words_by_part(examined.main.skeleton, joints)
+    return Finding(Code.NEVER_SEEN, Severity.NOTE, f"Never seen by two cameras at once, {so}: {who}", remedy, 0.1)
 
 
 def somebody_else(examined: Examined) -> list[Finding]:

@@ -17,7 +17,7 @@ from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
 from fgpose.diagnosis.seen.order import sorted_as_text
 from fgpose.diagnosis.seen.placeholders import Placeholders
-from fgpose.diagnosis.seen.presence import blind, identity_switches, nobody, seen_elsewhere
+from fgpose.diagnosis.seen.presence import blind, identity_switches, never_seen, nobody, seen_elsewhere
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.diagnosis.seen.things import Things
 from fgpose.finding import Code, Severity
@@ -88,6 +88,20 @@ def test_when_one_camera_is_alone(seen, rig) -> None:
     (finding,) = nobody(Examined.of(without(seen, slice(75, None), slice(1, None)), rig))
     assert (finding.code, finding.severity) == (Code.FEW_CAMERAS, Severity.DOUBTFUL)
     assert "50 % of the time: 2.5 to 5.0 s" in finding.reason
+
+
+def test_joints_that_two_cameras_never_see_at_once(seen, rig) -> None:
+    """With the 3D of a view they are estimated."""
+    alone = np.zeros(seen.seen.shape, dtype=bool)
+    alone[:, 1:, SKELETON.index("left_wrist")] = True
+    own_3d = seen.without(alone)
+    (missing,) = never_seen(Examined.of(replace(own_3d, points3d_m=None, covariance3d_m2=None), rig))
+    assert missing.reason.endswith("so not estimated: left wrist")
+    (of_one_view,) = never_seen(Examined.of(own_3d, rig))
+    assert of_one_view.reason.endswith("so estimated from the 3D of one view alone: left wrist")
+    result = fgpose.smooth(own_3d.first_frames(30), rig)
+    assert np.isfinite(result.positions_m[:, SKELETON.index("left_wrist")]).all()
+    assert never_seen(Examined.of(seen.subset(["cam1"]), rig.subset(["cam1"]))) == []
 
 
 def test_legs_that_the_network_guesses(seen, rig) -> None:
