@@ -79,7 +79,7 @@ class RecordingInfo:
     n_frames: int
     duration_s: float
     fps: float
-    """One over the median interval between frames; NaN for a single frame."""
+    """Frames per second over the whole recording, without gaps; NaN for a single frame."""
     skeleton: str
     n_joints: int
     has_points3d: bool

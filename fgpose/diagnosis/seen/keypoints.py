@@ -81,7 +81,8 @@ def smoothed_keypoints(examined: Examined) -> list[Finding]:
     seen, rate_hz = examined.main, frames_per_second(examined.main.frame_time_s)
     if not rate_hz > _LOWEST_HZ:
         return []
-    step, joints = max(round(rate_hz / _RATE_HZ), 1), limb_joints(seen.skeleton)
+    # At 30 Hz it is three, and at 29.97 too.
+    step, joints = max(int(rate_hz / _RATE_HZ + 0.51), 1), limb_joints(seen.skeleton)
     trembling = [_trembling(seen.points2d_px[:, c][:, joints], step) for c in range(seen.n_cameras)]
     alone = examined.rig.n_cameras < 2
     distance_m = np.inf if alone else examined.geometry.state.consistency.median_m

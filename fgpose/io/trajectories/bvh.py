@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.up_axis import y_up
 from fgpose.io.atomic import write_text
-from fgpose.io.trajectories.markers import median_rate_hz
+from fgpose.io.trajectories.markers import constant_rate_hz, warn_of_uneven_times
 from fgpose.kinematics.poses import SegmentPoses
 
 _NAMES = {"pelvis": "Hips", "thorax": "Spine", "head": "Neck"}
@@ -38,14 +38,19 @@ def write_bvh(poses: SegmentPoses, path: Path) -> None:
     segment (x forward, y up, z to the right), and rotations are in the order Z, X, Y. The format has no gaps: rotations
     are held, and the root is interpolated, where they are unknown. Segments that are never known are left out.
 
+    Warns:
+        UserWarning: the true times differ noticeably from those of a constant rate, which is all that a BVH file holds.
+
     Raises:
         ValueError: pelvis and trunk are known in no frame, or the times do not increase.
         OSError: the file cannot be written.
     """
     body = _body(_known_segments(poses, path))
     times_s = np.asarray(poses.time_s)
+    rate_hz = constant_rate_hz(times_s)
+    warn_of_uneven_times(times_s, rate_hz, path, "BVH")
     lines = ["HIERARCHY", *_joint(body, 0, 0), "MOTION", f"Frames: {len(times_s)}"]
-    lines.append(f"Frame Time: {1.0 / median_rate_hz(times_s):.10g}")
+    lines.append(f"Frame Time: {1.0 / rate_hz:.10g}")
     channels = _channels(body)
     lines += [" ".join(f"{value:.6f}" for value in row) for row in channels.tolist()]
     write_text(path, "\n".join(lines) + "\n")

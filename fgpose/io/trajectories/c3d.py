@@ -13,14 +13,18 @@ from fgpose.geometry.up_axis import SIGNED_AXES, UpAxis, WorldUp, nearest_axis, 
 from fgpose.io.arrays import checked, texts
 from fgpose.io.atomic import Check, replacing
 from fgpose.io.trajectories.c3d_points import BLOCK_BYTES, C3dSize, check_size, read_points
-from fgpose.io.trajectories.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
+from fgpose.io.trajectories.markers import (
+    constant_rate_hz,
+    marker_of_joint,
+    markers_to_trajectory,
+    warn_of_uneven_times,
+)
 from fgpose.kinematics.poses import SegmentPoses
 from fgpose.trajectory import Trajectory
 
 _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
 # The header counts frames in 16 bits; ezc3d writes longer files without complaint and reads back their beginning only.
 _MAX_FRAMES = 65535
-_MAX_INTERVAL_DEVIATION = 0.01  # time stamps rounded to 0.1 ms at 100 Hz deviate by this much
 _ROTATION_BYTES = 17 * 4  # a 4x4 matrix and its reliability, 32 bit each
 _SCREEN = {"+z": ("+X", "+Z"), "+y": ("+Z", "+Y")}
 
@@ -45,8 +49,9 @@ def write_c3d(
     up, and else turned so that z is: few programs heed an axis that points down.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
-    file has no times, only a rate and the number of its first frame: the rate is one over the median interval (1 for
-    a single frame), and a UserWarning is given where the true times differ noticeably from what this implies.
+    file has no times, only a rate and the number of its first frame: the rate is that of the whole recording
+    without gaps (1 for a single frame), and a UserWarning is given where the true times differ noticeably from what
+    this implies.
 
     Args:
         trajectory: of one person.
@@ -67,7 +72,8 @@ def write_c3d(
         raise ValueError(f"{path}: C3D holds at least one frame, this has none; use parquet, npz or TRC")
     if trajectory.n_frames > _MAX_FRAMES:
         raise ValueError(f"{path}: C3D holds at most {_MAX_FRAMES} frames, this is {trajectory.n_frames}; use TRC")
-    rate_hz = median_rate_hz(trajectory.time_s)
+    rate_hz = constant_rate_hz(trajectory.time_s)
+    warn_of_uneven_times(trajectory.time_s, rate_hz, path, "C3D")
     known = np.asarray(np.isfinite(trajectory.positions_m).all(axis=-1))
     points = np.ones((4, trajectory.skeleton.n_joints, trajectory.n_frames))
     kept = isinstance(world_up, str) and nearest_axis(world_up) in _SCREEN
@@ -121,15 +127,7 @@ def _holds(trajectory: Trajectory, n_rotations: int) -> Check:
 
 
 def _first_frame(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> int:
-    """Number of the first frame, counted from time 0; warns where the file cannot hold the times."""
-    intervals_s = np.diff(time_s)
-    if np.any(np.abs(intervals_s * rate_hz - 1.0) > _MAX_INTERVAL_DEVIATION):
-        warnings.warn(
-            f"{path}: C3D holds a constant frame rate, {rate_hz:.4g} Hz is written; the true intervals are "
-            f"{intervals_s.min():.4g} to {intervals_s.max():.4g} s",
-            UserWarning,
-            stacklevel=3,
-        )
+    """Number of the first frame, counted from time 0; warns where the file cannot hold the start."""
     first = round(float(time_s[0]) * rate_hz)
     if first >= 0 and first + len(time_s) <= _MAX_FRAMES:
         return first

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import warnings
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.tables import one_line
+from fgpose.sampling import frames_per_second, usual_step_s
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
@@ -15,6 +18,8 @@ _CAMEL_CASE = re.compile(r"([LR](?=[A-Z][a-z])|Left|Right)?((?:[A-Z][a-z]+\d*)+)
 _SIDES = {"L": "left_", "R": "right_", "Left": "left_", "Right": "right_", None: ""}
 # Pose2Sim calls the middle of the hips Hip in its Halpe models and CHip or MidHip in others.
 _PELVIS = ("Hip", "MidHip", "CHip")
+# Of a frame whose time a constant rate cannot hold. Times rounded to milliseconds, and most jitter, are below.
+_NOTICED_INTERVALS = 0.2
 
 
 def joint_of_marker(marker: str) -> str:
@@ -71,15 +76,34 @@ def _root(joints: tuple[str, ...]) -> tuple[int, ...]:
     return (0,)
 
 
-def median_rate_hz(time_s: Float[np.ndarray, " frame"]) -> float:
-    """Frames per second: one over the median interval; 1 where there are fewer than two frames.
+def constant_rate_hz(time_s: Float[np.ndarray, " frame"]) -> float:
+    """Frames per second, over the whole recording without its gaps; 1 where there are fewer than two frames.
 
     Raises:
         ValueError: the times do not increase.
     """
     if len(time_s) < 2:
         return 1.0
-    interval_s = float(np.median(np.diff(time_s)))
+    interval_s = usual_step_s(time_s)
     if not interval_s > 0:
         raise ValueError(f"time_s must increase to have a frame rate, its median interval is {interval_s:g} s")
-    return 1.0 / interval_s
+    return frames_per_second(time_s)
+
+
+def warn_of_uneven_times(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path, file_format: str) -> None:
+    """Of a format without times: say where those of frames differ from what the rate implies, counted from the first.
+
+    Warns:
+        UserWarning: a frame is off by more than a fifth of an interval.
+    """
+    off_s = time_s - time_s[0] - np.arange(len(time_s)) / rate_hz
+    if np.abs(off_s).max() * rate_hz <= _NOTICED_INTERVALS:
+        return
+    intervals_s, worst = np.diff(time_s), int(np.argmax(np.abs(off_s)))
+    warnings.warn(
+        f"{path}: {file_format} holds a constant frame rate, {rate_hz:.4g} Hz is written; the true intervals are "
+        f"{intervals_s.min():.4g} to {intervals_s.max():.4g} s, and frame {worst} is {1000 * abs(off_s[worst]):.3g} ms "
+        f"{'later' if off_s[worst] > 0 else 'earlier'} than the file says; TRC, parquet and npz hold all times",
+        UserWarning,
+        stacklevel=4,
+    )

@@ -20,7 +20,7 @@ from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_lines
 from fgpose.io.content import read_content, text_lines
 from fgpose.io.tables import as_cell, name_in_cell, one_line
-from fgpose.io.trajectories.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
+from fgpose.io.trajectories.markers import constant_rate_hz, marker_of_joint, markers_to_trajectory
 from fgpose.kinematics.body_size import leg_length
 from fgpose.plain_files import check_expansion
 from fgpose.sampling import parts_of
@@ -37,8 +37,8 @@ _N_HEADER_LINES = 5  # of the TRC format
 def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_by: str = "") -> None:
     """Write positions in metres with y up; gaps are cells "nan", as OpenSim writes them.
 
-    Markers are named as in Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate is one
-    over their median interval (1 for a single frame). Frame numbers count from 1.
+    Markers are named as in Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate is their
+    rate over the whole recording, without gaps (1 for a single frame). Frame numbers count from 1.
 
     Args:
         world_up: what is up in the trajectory's world; z is mapped to OpenSim's y as Pose2Sim does.
@@ -53,7 +53,7 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_
 
 
 def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
-    rate = f"{median_rate_hz(trajectory.time_s):.10g}"
+    rate = f"{constant_rate_hz(trajectory.time_s):.10g}"
     n_frames, n_markers = str(trajectory.n_frames), trajectory.skeleton.n_joints
     names = [cell for joint in trajectory.skeleton.joints for cell in (as_cell(marker_of_joint(joint)), "", "")]
     axes = [f"{axis}{marker}" for marker in range(1, n_markers + 1) for axis in "XYZ"]

@@ -205,9 +205,25 @@ def test_c3d_warns_of_times_it_cannot_hold(trajectory, tmp_path):
     epoch = dataclasses.replace(trajectory, time_s=1.7e9 + np.arange(5) / 50)
     with pytest.warns(UserWarning, match=r"cannot hold a start at 1\.7e\+09 s"):
         save_trajectory(epoch, tmp_path / "epoch.c3d")
-    # 1 % is let pass: cameras jitter.
+    # A fifth of an interval is let pass: cameras jitter.
     jittery = dataclasses.replace(trajectory, time_s=np.array([0.0, 0.02, 0.0401, 0.06, 0.08]))
     save_trajectory(jittery, tmp_path / "jittery.c3d")
+
+
+@pytest.mark.parametrize(("rate_hz", "rounded_s"), [(60.0, 1e-3), (60.0, 1e-4), (30.0, 1e-3), (60 / 1.001, 1e-4)])
+def test_times_that_were_rounded_keep_their_rate(tmp_path, rate_hz: float, rounded_s: float) -> None:
+    """A minute of it; 60 Hz to 1 ms was 58.8 Hz, and its end 1.2 s early."""
+    pytest.importorskip("ezc3d")
+    time_s = np.round(np.arange(round(60 * rate_hz)) / rate_hz / rounded_s) * rounded_s
+    skeleton = dataclasses.replace(load_trajectory(REAL_TRC).skeleton, joints=("nose",), root=(0,))
+    status = np.full((len(time_s), 1), Status.OBSERVED)
+    rounded = Trajectory(skeleton, time_s, np.zeros((len(time_s), 1, 3)), status)
+    save_trajectory(rounded, tmp_path / "walk.c3d")
+    # Of the first and the last time each is off by half of what they are rounded to, and the rate is a 32 bit number.
+    assert load_trajectory(tmp_path / "walk.c3d").time_s[-1] == pytest.approx(time_s[-1], abs=rounded_s)
+    save_trajectory(rounded, tmp_path / "walk.trc")
+    (data_rate, *_) = (tmp_path / "walk.trc").read_text().splitlines()[2].split("\t")
+    assert float(data_rate) == pytest.approx(rate_hz, rel=rounded_s / 60)
 
 
 def test_c3d_refuses_more_frames_than_its_header_counts(tmp_path):

@@ -159,6 +159,17 @@ def test_gaps_are_held_in_bvh(walk: Trajectory, tmp_path: Path) -> None:
     np.testing.assert_array_equal(values[0], values[1])  # nobody in the first frame
 
 
+def test_bvh_has_the_rate_of_the_whole_recording(walk: Trajectory, tmp_path: Path) -> None:
+    """Frames that are missing are not in it, and what it cannot hold is said."""
+    rounded = replace(walk, time_s=np.round(np.arange(walk.n_frames) / 60, 3))
+    save_kinematics(rounded, tmp_path / "walk.bvh")
+    _, frame_time_s, _ = read_bvh(tmp_path / "walk.bvh")
+    assert frame_time_s == pytest.approx(1 / 60, abs=1e-3 / (walk.n_frames - 1))  # both ends are rounded to 1 ms
+    missing = replace(walk, time_s=np.arange(walk.n_frames) / 60 + (np.arange(walk.n_frames) > 10) * 0.5)
+    with pytest.warns(UserWarning, match=r"walk\.bvh: BVH holds a constant frame rate, 60 Hz .* 500 ms later than"):
+        save_kinematics(missing, tmp_path / "walk.bvh")
+
+
 def test_nobody_is_no_bvh(walk: Trajectory, tmp_path: Path) -> None:
     nobody = replace(walk, positions_m=np.full_like(walk.positions_m, np.nan))
     with pytest.raises(ValueError, match=r"nobody\.bvh: hips and shoulders are known in no frame"):
