@@ -12,7 +12,7 @@ from jaxtyping import Float
 from fgpose.geometry.up_axis import SIGNED_AXES, UpAxis, WorldUp, nearest_axis, z_up, z_up_R_world
 from fgpose.io.arrays import checked, texts
 from fgpose.io.atomic import Check, replacing
-from fgpose.io.trajectories.c3d_points import BLOCK_BYTES, C3dSize, check_size, read_points
+from fgpose.io.trajectories.c3d_points import BLOCK_BYTES, START_OFFSET, C3dSize, check_size, read_points
 from fgpose.io.trajectories.markers import (
     constant_rate_hz,
     marker_of_joint,
@@ -25,6 +25,7 @@ from fgpose.trajectory import Trajectory
 _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
 # The header counts frames in 16 bits; ezc3d writes longer files without complaint and reads back their beginning only.
 _MAX_FRAMES = 65535
+_NOTICED_S = 1e-3  # of its start: less is below the exposure of an image
 _ROTATION_BYTES = 17 * 4  # a 4x4 matrix and its reliability, 32 bit each
 _SCREEN = {"+z": ("+X", "+Z"), "+y": ("+Z", "+Y")}
 
@@ -51,7 +52,7 @@ def write_c3d(
     Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
     file has no times, only a rate and the number of its first frame: the rate is that of the whole recording
     without gaps (1 for a single frame), and a UserWarning is given where the true times differ noticeably from what
-    this implies.
+    this implies. The rest of a frame at the start stands in POINT:START_OFFSET_S, which read_c3d adds.
 
     Args:
         trajectory: of one person.
@@ -83,7 +84,9 @@ def write_c3d(
     file = ezc3d.c3d()
     file["data"]["points"] = points
     file["data"]["meta_points"]["residuals"] = np.where(known.T, 0.0, -1.0)[None]
-    file["header"]["points"]["first_frame"] = _first_frame(trajectory.time_s, rate_hz, path)
+    first, offset_s = _start(trajectory.time_s, rate_hz, path)
+    file["header"]["points"]["first_frame"] = first
+    file.add_parameter("POINT", START_OFFSET, [offset_s])
     parameters = file["parameters"]["POINT"]
     parameters["RATE"]["value"] = [rate_hz]
     parameters["UNITS"]["value"] = ["mm"]
@@ -126,18 +129,30 @@ def _holds(trajectory: Trajectory, n_rotations: int) -> Check:
     return check
 
 
-def _first_frame(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> int:
-    """Number of the first frame, counted from time 0; warns where the file cannot hold the start."""
+def _start(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> tuple[int, float]:
+    """Number of the first frame, counted from time 0, and how much later than that it is, seconds; warns where the file
+    cannot hold the start."""
+    rate_hz = float(np.float32(rate_hz))  # as the file has it
     first = round(float(time_s[0]) * rate_hz)
-    if first >= 0 and first + len(time_s) <= _MAX_FRAMES:
-        return first
-    warnings.warn(f"{path}: C3D cannot hold a start at {time_s[0]:.6g} s; it starts at 0 s", UserWarning, stacklevel=3)
-    return 0
+    if not (first >= 0 and first + len(time_s) <= _MAX_FRAMES):
+        warnings.warn(
+            f"{path}: C3D cannot hold a start at {time_s[0]:.6g} s; it starts at 0 s", UserWarning, stacklevel=3
+        )
+        return 0, 0.0
+    offset_s = float(time_s[0]) - first / rate_hz
+    if abs(offset_s) > _NOTICED_S:
+        warnings.warn(
+            f"{path}: C3D counts its start in whole frames: other programs than fgpose take all times "
+            f"{1000 * abs(offset_s):.3g} ms too {'early' if offset_s > 0 else 'late'} ({START_OFFSET} tells it)",
+            UserWarning,
+            stacklevel=3,
+        )
+    return first, offset_s
 
 
 def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
     """Read the markers of a C3D file, in metres and its own axes, and the axis that it says is up: that of Y_SCREEN, z
-    where it says nothing. Time counts from the file's frame 0.
+    where it says nothing. Time counts from the file's frame 0, with the START_OFFSET_S of fgpose.
 
     Raises:
         ImportError: ezc3d is not installed.
@@ -157,7 +172,7 @@ def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
     positions_m = np.where(missing, np.nan, points[:3] / _UNITS_PER_METRE[unit]).transpose(2, 1, 0)
     said = "".join(_texts(file, "Y_SCREEN")).lower()
     file_up: UpAxis = SIGNED_AXES[SIGNED_AXES.index(said)] if said in SIGNED_AXES else "+z"
-    time_s = (float(file["first_frame"]) + np.arange(n_frames)) / _rate_hz(file)
+    time_s = _start_offset_s(file) + (float(file["first_frame"]) + np.arange(n_frames)) / _rate_hz(file)
     return markers_to_trajectory(markers, time_s, positions_m), file_up
 
 
@@ -167,6 +182,14 @@ def _texts(file: dict[str, np.ndarray], parameter: str) -> tuple[str, ...]:
         return ()
     # ezc3d gives bytes that are no UTF-8 as surrogates.
     return tuple(text.encode("utf-8", "replace").decode().strip() for text in texts(file, parameter))
+
+
+def _start_offset_s(file: dict[str, np.ndarray]) -> float:
+    """0 in files of other programs."""
+    if START_OFFSET not in file or not file[START_OFFSET].size:
+        return 0.0
+    offset_s = float(checked(file, START_OFFSET, "numbers", None)[0])
+    return offset_s if np.isfinite(offset_s) else 0.0
 
 
 def _rate_hz(file: dict[str, np.ndarray]) -> float:

@@ -29,7 +29,9 @@ _MAX_COUNT = 65535
 # Measured: 0.1 s and 20 bytes for each megabyte and byte of a sound file; the first start of Python takes a second.
 _TIME_LIMIT_S, _TIME_LIMIT_S_PER_MB = 15.0, 1.0
 _MEMORY_LIMIT_BYTES, _MEMORY_LIMIT_BYTES_PER_BYTE = 2 << 30, 50
-_PARAMETERS = ("UNITS", "RATE", "LABELS", "Y_SCREEN")
+START_OFFSET = "START_OFFSET_S"
+"""Parameter of fgpose: by how much the first frame is later than its number says, seconds."""
+_PARAMETERS = ("UNITS", "RATE", "LABELS", "Y_SCREEN", START_OFFSET)
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def read_points(path: Path) -> dict[str, np.ndarray]:
 
     Returns:
         points (4, marker, frame), residuals (marker, frame), first_frame, and those of the parameters UNITS, RATE,
-        LABELS and Y_SCREEN of the group POINT that it has.
+        LABELS, Y_SCREEN and START_OFFSET_S of the group POINT that it has.
 
     Raises:
         ValueError: the file is damaged; the caller names it.

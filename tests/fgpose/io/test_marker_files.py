@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -224,6 +225,18 @@ def test_times_that_were_rounded_keep_their_rate(tmp_path, rate_hz: float, round
     save_trajectory(rounded, tmp_path / "walk.trc")
     (data_rate, *_) = (tmp_path / "walk.trc").read_text().splitlines()[2].split("\t")
     assert float(data_rate) == pytest.approx(rate_hz, rel=rounded_s / 60)
+
+
+@pytest.mark.parametrize(("later_s", "words"), [(0.009, "9 ms too early"), (-0.009, "9 ms too late"), (0.0005, "")])
+def test_c3d_keeps_a_start_between_two_frames(trajectory, tmp_path, later_s: float, words: str) -> None:
+    """Other programs know nothing of it: it is said where it is more than 1 ms."""
+    pytest.importorskip("ezc3d")
+    later = dataclasses.replace(trajectory, time_s=trajectory.time_s + later_s)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        save_trajectory(later, tmp_path / "later.c3d")
+    assert [words in str(each.message) for each in said] == ([True] if words else [])
+    np.testing.assert_allclose(load_trajectory(tmp_path / "later.c3d").time_s, later.time_s, rtol=2**-23)
 
 
 def test_c3d_refuses_more_frames_than_its_header_counts(tmp_path):
