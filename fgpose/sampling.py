@@ -233,6 +233,17 @@ def between_images(
     return between
 
 
+def at_times(
+    time_s: Float[np.ndarray, " frame"], values: Float[np.ndarray, "frame ..."], at_s: Float[np.ndarray, " sample"]
+) -> Float[np.ndarray, "sample ..."]:
+    """As between_images, also of one frame; exactly that of a frame where the times are the same."""
+    close = nearest(at_s, time_s)
+    same = np.abs(time_s[close] - at_s) <= TIME_ROUNDING_S
+    found = between_images(time_s, values, at_s)
+    found[same] = values[close[same]]
+    return found
+
+
 def smaller_around(
     time_s: Float[np.ndarray, " image"], values: Float[np.ndarray, "image ..."], at_s: Float[np.ndarray, " sample"]
 ) -> Float[np.ndarray, "sample ..."]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.assessment.alignment import common_joints, same_times
+from fgpose.assessment.alignment import common_joints
 from fgpose.assessment.metrics import (
     acceleration_error_mps2,
     coverage,
@@ -19,6 +19,7 @@ from fgpose.assessment.metrics import (
     pck,
     share_missing,
 )
+from fgpose.sampling import at_times, usual_step_s
 from fgpose.shown import Shown
 from fgpose.trajectory import Trajectory
 
@@ -26,6 +27,8 @@ from fgpose.trajectory import Trajectory
 PCK_THRESHOLD_M = 0.15
 # Ellipsoids of this probability are compared with the share of joints inside them.
 COVERAGE_PROBABILITY = 0.95
+# Of rates that are nearly the same, as 29.97 and 30, the reference is interpolated: an estimate would be smoothed.
+_CLEARLY_SHORTER = 0.9
 
 
 @dataclass(frozen=True)
@@ -70,21 +73,24 @@ class Evaluation(Shown):
 
 @dataclass(frozen=True, eq=False)
 class _Match:
-    """Indices of the same joints and the same frames in two trajectories."""
+    """The same joints at the same times in two trajectories."""
 
     joints: tuple[str, ...]
-    estimate: tuple[np.ndarray, np.ndarray]
-    reference: tuple[np.ndarray, np.ndarray]
+    time_s: Float[np.ndarray, " frame"]
+    estimate_m: Float[np.ndarray, "frame joint 3"]
+    reference_m: Float[np.ndarray, "frame joint 3"]
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"] | None
+    """Of the estimate."""
 
 
 def align_by_name(
     estimate: Trajectory, reference: Trajectory, reference_offset_s: float = 0.0
 ) -> tuple[Float[np.ndarray, "frame joint 3"], Float[np.ndarray, "frame joint 3"], tuple[str, ...]]:
-    """Positions of both in their common frames and joints, metres, and the names of these joints.
+    """Positions of both at their common times, of their common joints, metres, and the names of these joints.
 
-    Joints are the same when their names are, in the order of the estimate. Frames are the same when each is the
-    other's nearest in time and they are no farther apart than half the shorter of the two frame intervals; nothing is
-    interpolated.
+    Joints are the same when their names are, in the order of the estimate. The times are those of the estimate, or of
+    the reference where that has clearly fewer frames a second. There the other one is interpolated linearly between two
+    of its frames, never across a gap; where it has a frame at that time, it is that frame.
 
     Args:
         reference_offset_s: added to the reference's times, for a reference with a clock of its own.
@@ -93,29 +99,29 @@ def align_by_name(
         ValueError: no joint or no frame is in common; the message shows both sides.
     """
     match = _match(estimate, reference, reference_offset_s)
-    positions_m = estimate.positions_m[np.ix_(*match.estimate)], reference.positions_m[np.ix_(*match.reference)]
-    return *positions_m, match.joints
+    return match.estimate_m, match.reference_m, match.joints
 
 
 def evaluate(estimate: Trajectory, reference: Trajectory, reference_offset_s: float = 0.0) -> Evaluation:
     """Measure an estimate against a reference. Joints and frames are matched as in align_by_name.
 
+    The covariance of an estimate that is interpolated is interpolated too: errors of neighbouring frames are nearly the
+    same.
+
     Raises:
         ValueError: no joint or no frame is in common.
     """
     match = _match(estimate, reference, reference_offset_s)
-    estimate_m, reference_m, joints = align_by_name(estimate, reference, reference_offset_s)
-    time_s = estimate.time_s[match.estimate[0]]
+    estimate_m, reference_m, joints, time_s = match.estimate_m, match.reference_m, match.joints, match.time_s
     absolute_m = joint_errors_m(estimate_m, reference_m)
     root = _root(estimate, reference, joints)
     relative_m = joint_errors_m(estimate_m, reference_m, root) if root else np.full_like(absolute_m, np.nan)
     uncertainty = {}
-    if estimate.covariance_m2 is not None:
-        covariance_m2 = estimate.covariance_m2[np.ix_(*match.estimate)]
+    if match.covariance_m2 is not None:
         errors_m = estimate_m - reference_m
         uncertainty = {
-            "nees": float(mean_known(nees(errors_m, covariance_m2))),
-            "coverage_95": coverage(errors_m, covariance_m2, COVERAGE_PROBABILITY),
+            "nees": float(mean_known(nees(errors_m, match.covariance_m2))),
+            "coverage_95": coverage(errors_m, match.covariance_m2, COVERAGE_PROBABILITY),
         }
     return Evaluation(
         mpjpe_absolute_mm=1000 * float(mean_known(absolute_m)),
@@ -158,21 +164,36 @@ def _root(estimate: Trajectory, reference: Trajectory, joints: tuple[str, ...]) 
 
 def _match(estimate: Trajectory, reference: Trajectory, reference_offset_s: float) -> _Match:
     names = common_joints(estimate.skeleton, reference.skeleton)
-    frames = _common_frames(estimate.time_s, reference.time_s + reference_offset_s)
-    joints = (np.array([each.skeleton.index(name) for name in names], dtype=int) for each in (estimate, reference))
-    return _Match(names, *zip(frames, joints, strict=True))
+    estimate_s, reference_s = estimate.time_s, reference.time_s + reference_offset_s
+    time_s = _common_times_s(estimate_s, reference_s)
+    of_estimate, of_reference = ([each.skeleton.index(name) for name in names] for each in (estimate, reference))
+    covariance_m2 = estimate.covariance_m2
+    return _Match(
+        names,
+        time_s,
+        at_times(estimate_s, estimate.positions_m[:, of_estimate], time_s),
+        at_times(reference_s, reference.positions_m[:, of_reference], time_s),
+        None if covariance_m2 is None else at_times(estimate_s, covariance_m2[:, of_estimate], time_s),
+    )
 
 
-def _common_frames(
+def _common_times_s(
     estimate_s: Float[np.ndarray, " frame"], reference_s: Float[np.ndarray, " reference"]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of same_times; ValueError where there is none."""
+) -> Float[np.ndarray, " common"]:
+    """Those of the one that has fewer frames a second, where the other has a frame, or one before and one after.
+
+    Raises:
+        ValueError: there is none.
+    """
     if len(estimate_s) == 0 or len(reference_s) == 0:
         raise ValueError("no frame in common: one of the two has none")
-    frames = same_times(estimate_s, reference_s)
-    if frames[0].size == 0:
+    own_s, other_s = estimate_s, reference_s
+    if usual_step_s(estimate_s) < _CLEARLY_SHORTER * usual_step_s(reference_s):
+        own_s, other_s = reference_s, estimate_s
+    common_s = own_s[np.isfinite(at_times(other_s, np.zeros(len(other_s)), own_s))]
+    if common_s.size == 0:
         raise ValueError(
             f"no frame in common: the estimate lasts from {estimate_s[0]:.6g} to {estimate_s[-1]:.6g} s, "
             f"the reference from {reference_s[0]:.6g} to {reference_s[-1]:.6g} s"
         )
-    return frames
+    return common_s

@@ -22,10 +22,11 @@ from fgpose.geometry.up_axis import UpChoice
 class Evaluate:
     """Compare a result with a reference: errors in millimetres.
 
-    Prints errors, jitter in m/s^3, and a table of the joints. Any trajectory files: parquet, npz, TRC, C3D. Joints are
-    matched by name, frames by time. Nothing is interpolated, and only PA-MPJPE aligns the poses. Where one of the files
-    has several people: who was found, told apart and posed how well (recall, precision, MOTA, IDF1, HOTA, MPJPE, PCP),
-    over all frames of the reference, and a table of its people.
+    Prints errors, jitter in m/s^3, and a table of the joints. Any trajectory files: parquet, npz, TRC, C3D. Joints
+    are matched by name, frames by time: at the times of the file that has fewer frames a second, the other one is
+    interpolated, but not across gaps. Only PA-MPJPE aligns the poses. Where one of the files has several people:
+    who was found, told apart and posed how well (recall, precision, MOTA, IDF1, HOTA, MPJPE, PCP), over all frames
+    of the reference, with the nearest frames of the result, and a table of its people.
 
     Example: fgpose evaluate out/pose.parquet mocap.trc --offset-s 0.25
     """

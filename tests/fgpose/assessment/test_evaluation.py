@@ -64,14 +64,45 @@ def test_joints_are_matched_by_name_in_the_order_of_the_estimate(reference):
 
 
 def test_frames_are_matched_by_time(reference):
-    """A reference at twice the rate, with a clock that is off by less than half a frame, and beginning later."""
+    """A reference at twice the rate, between whose frames those of the estimate lie, and that begins later."""
     time_s = 0.05 + np.arange(60) / 120 + 0.002
     positions_m = np.tile(np.arange(60.0)[:, None, None], (1, 4, 3))
-    _, b_m, _ = align_by_name(reference, make(positions_m, time_s))
-    # the estimate's frames 3, 4, ... lie at 0.05, 0.0667, ...: the reference's 0, 2, 4, ...
-    np.testing.assert_array_equal(b_m[:, 0, 0], np.arange(0, 18, 2))
-    a_m, _, _ = align_by_name(make(positions_m, time_s), reference)
-    np.testing.assert_array_equal(a_m[:, 0, 0], np.arange(0, 18, 2))
+    fast = make(positions_m, time_s)
+    _, b_m, _ = align_by_name(reference, fast)
+    # the estimate's frames 4, 5, ... lie at 0.0667, 0.0833, ...; its frame 3 is before the first of the reference
+    np.testing.assert_allclose(b_m[:, 0, 0], (np.arange(4, 12) / 60 - 0.052) * 120, atol=1e-9)
+    a_m, _, _ = align_by_name(fast, reference)
+    np.testing.assert_array_equal(a_m, b_m)
+
+
+def test_another_rate_is_no_error_of_the_estimate():
+    """A limb on a circle of 0.3 m at 2 Hz, 3.8 m/s; the nearest frame at 100 Hz is up to 5 ms, 19 mm, away."""
+
+    def moving(rate_hz: float, covariance_m2: float | None = None) -> Trajectory:
+        time_s = np.arange(0, 2, 1 / rate_hz)
+        angle = 4 * np.pi * time_s
+        circle_m = 0.3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+        found = make(np.tile(circle_m[:, None], (1, 4, 1)), time_s)
+        if covariance_m2 is None:
+            return found
+        return dataclasses.replace(found, covariance_m2=np.tile(covariance_m2 * np.eye(3), (len(time_s), 4, 1, 1)))
+
+    for estimate, reference in ((moving(60), moving(100)), (moving(100, 1e-6), moving(60))):
+        scores = evaluate(estimate, reference)
+        # Half of the sagitta of the chord at most, a v^2/r: 47 m/s^2 (10 ms)^2 / 8.
+        assert scores.mpjpe_absolute_mm < 0.6
+        # The last frame at 60 Hz is at 1.983 s.
+        assert scores.n_frames == 120
+    assert (scores.nees or 0) < 3
+    assert evaluate(moving(60), moving(120)).mpjpe_absolute_mm == pytest.approx(0, abs=1e-9)
+
+
+def test_nothing_is_interpolated_across_a_gap(reference):
+    fast = make(np.zeros((60, 4, 3)), np.arange(60) / 240)
+    kept = np.r_[0:8, 20:60]
+    scores = evaluate(reference, make(fast.positions_m[kept], fast.time_s[kept] + 0.001))
+    # 0.001 to 0.030 s and 0.084 s to the end are there: frames 1 and 6 to 11 of the estimate.
+    assert scores.n_frames == 7
 
 
 def test_no_frame_is_used_twice(reference):
