@@ -20,6 +20,7 @@ from fgpose.io.made_by import made_by
 from fgpose.io.names import not_hidden
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import READABLE, load_origin, load_upright
+from fgpose.io.trajectories.kinematics import holds_kinematics
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
 from fgpose.report.sections.origin import facts_of, findings_of, without_home
@@ -30,16 +31,23 @@ _RIGS = ("calibration.toml", "cameras.toml", "rig.toml")
 
 
 def find_result(path: Path, name: str | None = None) -> Path:
-    """The file of the trajectories: path itself, or in a folder the one of the run of that name.
+    """The file of the trajectories: path itself, or in a folder the one of the run of that name. Joint angles that
+    stand beside are none; a C3D has the points too, and can be named.
 
     Raises:
-        ValueError: there is none, or there are several and no name; the message names the folder and what made each.
+        ValueError: there is none, it holds joint angles alone, or there are several and no name; the message names the
+            folder and what made each.
         OSError: the folder cannot be read.
     """
     if not path.is_dir():
+        _refuse_angles(path)
         return path
-    found = {run: file for run, file in _results(path).items() if run not in _NO_RESULTS}
+    files, angles = _files(path)
+    found = {run: file for run, file in _results(files).items() if run not in _NO_RESULTS}
     if name is not None:
+        if name not in found and name in angles:
+            _refuse_angles(angles[name])
+            return angles[name]
         if name not in found:
             raise ValueError(f"{path}: there is no result {name}, only {', '.join(found) or 'none'}")
         return found[name]
@@ -56,13 +64,26 @@ def maker_text(file: Path) -> str:
     return f"fgpose {maker}" if maker else ""
 
 
-def _results(folder: Path) -> dict[str, Path]:
-    """The most important trajectories of each run, by its name. Where fgpose track has left its own beside those of
-    another command, both have names of their own."""
-    files: dict[str, Path] = {}
+def _refuse_angles(file: Path) -> None:
+    """Raise ValueError if it is a table of joint angles."""
+    if file.suffix.lower() == ".parquet" and holds_kinematics(file):
+        raise ValueError(f"{file} holds joint angles: a report is of the motion that they were made from")
+
+
+def _files(folder: Path) -> tuple[dict[str, Path], dict[str, Path]]:
+    """Trajectories, and joint angles, by their names; of several formats one."""
+    motions: dict[str, Path] = {}
+    angles: dict[str, Path] = {}
     for extension in READABLE:
         for file in not_hidden(folder.glob(f"*{extension}")):
-            files.setdefault(_without_person(file.stem), file)
+            (angles if holds_kinematics(file) else motions).setdefault(_without_person(file.stem), file)
+    # Of other programs, a C3D with rotations is all that there is.
+    return motions or {stem: file for stem, file in angles.items() if file.suffix.lower() == ".c3d"}, angles
+
+
+def _results(files: Mapping[str, Path]) -> dict[str, Path]:
+    """The most important trajectories of each run, by its name. Where fgpose track has left its own beside those of
+    another command, both have names of their own."""
     of_runs: dict[str, dict[str, Path]] = {}
     for stem, file in files.items():
         run = _run_of(stem)

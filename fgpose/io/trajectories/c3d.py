@@ -26,6 +26,8 @@ _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
 # The header counts frames in 16 bits; ezc3d writes longer files without complaint and reads back their beginning only.
 _MAX_FRAMES = 65535
 _NOTICED_S = 1e-3  # of its start: less is below the exposure of an image
+ROTATION_LABEL = "_4X4"
+"""The end of the names of rotations, as Visual3D has it."""
 _ROTATION_BYTES = 17 * 4  # a 4x4 matrix and its reliability, 32 bit each
 _SCREEN = {"+z": ("+X", "+Z"), "+y": ("+Z", "+Y")}
 
@@ -97,7 +99,7 @@ def write_c3d(
         file.add_parameter("MANUFACTURER", "SOFTWARE", f"made by fgpose {made_by}")
     if poses is not None:
         file["data"]["rotations"] = _rotations(poses, file_up)
-        file.add_parameter("ROTATION", "LABELS", [f"{segment.name}_4X4" for segment in poses.segments])
+        file.add_parameter("ROTATION", "LABELS", [f"{segment.name}{ROTATION_LABEL}" for segment in poses.segments])
         file.add_parameter("ROTATION", "RATE", [rate_hz])
     with replacing(path, _holds(trajectory, len(poses.segments) if poses else 0)) as temporary:
         file.write(str(temporary))

@@ -13,10 +13,11 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
 from fgpose.io.atomic import check_replaceable, write_text
+from fgpose.io.content import first_bytes
 from fgpose.io.names import own_paths
-from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_csv, write_table
+from fgpose.io.tables import file_metadata, metadata, names, nullable, numbers, read_table, write_csv, write_table
 from fgpose.io.trajectories.bvh import write_bvh
-from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
+from fgpose.io.trajectories.c3d import ROTATION_LABEL, require_ezc3d, write_c3d
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
@@ -32,6 +33,7 @@ UNITS = {"angle": "deg", "speed": "m/s", "height": "m"}
 """Unit of value and sigma by kind of quantity."""
 _TABLES = (".parquet", ".csv")
 _UNITS_KEY = "fgpose.units"
+_HEAD_BYTES = 4 << 20  # the parameters of a C3D are in these
 _Quantities = tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], Float[np.ndarray, "frame quantity"]]
 """Kinds, names, values and standard deviations."""
 _COLUMNS = ("time_s", "frame", "person", "kind", "name", "value", "sigma", "unit")
@@ -52,6 +54,19 @@ def check_kinematics_output(path: str | Path) -> None:
     if extension == ".c3d":
         require_ezc3d()
     check_replaceable(path)
+
+
+def holds_kinematics(path: Path) -> bool:
+    """Whether a parquet or C3D file is one of save_kinematics. A damaged one is not."""
+    match path.suffix.lower():
+        case ".parquet":
+            try:
+                return _UNITS_KEY in file_metadata(path)
+            except (ValueError, OSError):
+                return False
+        case ".c3d":
+            return ROTATION_LABEL.encode() in first_bytes(path, _HEAD_BYTES)
+    return False
 
 
 def save_kinematics(
