@@ -7,7 +7,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from fgpose.io.studies.events import Event, read_events
+from fgpose.io.tables import numbers, read_table
+from fgpose.sampling import usual_step_s
 from fgpose.study.pattern import PLACEHOLDERS
 from fgpose.study.study import StudyDescription
 from fgpose.study.trial import Trial
@@ -45,6 +50,41 @@ def events_of(recordings: Iterable[Trial], events: Iterable[Event]) -> tuple[lis
             for event in by_name.get(names, ())
         ]
     return rows, ["/".join(value for _, value in names) for names in by_name if names not in found]
+
+
+def events_outside(rows: Iterable[Mapping[str, Any]], motions: Mapping[str, Path]) -> list[str]:
+    """Which of the rows are before the first or after the last frame of their recordings, in words.
+
+    Args:
+        rows: those of events_of.
+        motions: files of the results, by recording. What is not there, or damaged, tells nothing.
+    """
+    by_recording: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        by_recording.setdefault(row["recording"], []).append(row)
+    outside = []
+    for recording, own in by_recording.items():
+        time_s = _times_s(motions.get(recording))
+        if not len(time_s):
+            continue
+        step_s = usual_step_s(time_s) if len(time_s) > 1 else 0.0
+        outside += [
+            f"{row['event']} at {row['time_s']:.6g} s is outside of {recording}, which lasts from {time_s[0]:.6g} to "
+            f"{time_s[-1]:.6g} s"
+            for row in own
+            if not time_s[0] - step_s <= row["time_s"] <= time_s[-1] + step_s
+        ]
+    return outside
+
+
+def _times_s(motion: Path | None) -> Float[np.ndarray, " frame"]:
+    """Of the frames of a result, increasing."""
+    if motion is None or not motion.is_file():
+        return np.zeros(0)
+    try:
+        return np.unique(numbers(read_table(motion, ["time_s"]), "time_s"))
+    except (ValueError, OSError):
+        return np.zeros(0)
 
 
 def _by_name(events: Iterable[Event]) -> dict[_Whose, list[Event]]:

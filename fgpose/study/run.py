@@ -18,7 +18,8 @@ from fgpose.io.studies.results import STUDY_NAME, check_unlinked, part_path, par
 from fgpose.io.studies.state import RecordingState, load_state
 from fgpose.study.chain import fingerprints
 from fgpose.study.cluster import run, workers
-from fgpose.study.events import events_of
+from fgpose.study.events import events_of, events_outside
+from fgpose.study.job import MOTION
 from fgpose.study.plan import Plan
 from fgpose.study.process import DATA_SETS, RecordingOutcome
 from fgpose.study.study import StudyDescription
@@ -108,7 +109,7 @@ class StudyResult:
     failures: list[tuple[str, str]] = field(default_factory=list)
     """Recording and reason."""
     notes: list[str] = field(default_factory=list)
-    """What else should be known: events of no recording, a table that could not be written."""
+    """What else should be known: events of no recording or outside of theirs, a table that could not be written."""
     written: list[Path] = field(default_factory=list)
     """Tables."""
 
@@ -193,10 +194,13 @@ def _put_together(result: StudyResult, plan: Plan, events: tuple[Event, ...]) ->
         result.written += tables.write()
         tables.remove_other_parts()
         if events:
-            rows, unknown = events_of((each for each in plan if not each.problem), events)
+            recordings = [each for each in plan if not each.problem]
+            rows, unknown = events_of(recordings, events)
+            motions = {each.key: each.folder(study.output) / MOTION for each in recordings}
             write_rows(rows, study.output / EVENTS)
             result.written.append(study.output / EVENTS)
             result.notes += [f"{study.data.events}: there is no recording {whose}" for whose in unknown]
+            result.notes += [f"{study.data.events}: {what}" for what in events_outside(rows, motions)]
     except OSError as error:
         result.notes.append(str(error))
 

@@ -42,6 +42,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 EVENTS = "subject\ttrial\tevent\ttime_s\tside\nS01\trun\tgo\t0.1\tleft\nS02\trun\tgo\t0.2\tright\nS09\trun\tgo\t0.1\t\n"
+LATE = "S02\twalk\tlate\t99\t\nS02\twalk\tend\t0.33\t\n"
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def finished(
     shutil.copy(folder / "S01" / "A" / "run.npz", folder / "S02" / "A" / "run.npz")
     (folder / "S03" / "A").mkdir(parents=True)
     shutil.copy(folder / "S02" / "A" / "walk.npz", folder / "S03" / "A" / "walk.npz")
-    (folder / "events.tsv").write_text(EVENTS)
+    (folder / "events.tsv").write_text(EVENTS + LATE)
     file = folder / "study.toml"
     file.write_text(file.read_text().replace("[steps]", 'events = "events.tsv"\n[steps]'))
     return file, run_with(client, load_study(file))
@@ -81,7 +82,10 @@ def test_what_fails_is_named_and_the_rest_is_done(finished: tuple[Path, StudyRes
     reasons = dict(result.failures)
     assert "a damaged npz" in reasons["S01/A/walk"]
     assert "it has no calibration: there is no S03/A/Calib.toml" in reasons["S03/A/walk"]
-    assert result.notes == ["events.tsv: there is no recording S09/run"]
+    assert result.notes == [
+        "events.tsv: there is no recording S09/run",
+        "events.tsv: late at 99 s is outside of S02/A/walk, which lasts from 0 to 0.3 s",
+    ]
     assert {path.name for path in result.written} == {"quality.csv", "quality.parquet", "events.parquet"}
     assert load_study(file).output == result.output
 
@@ -113,6 +117,8 @@ def test_events_have_their_recordings(finished: tuple[Path, StudyResult]) -> Non
     assert [(row["recording"], row["time_s"], row["side"]) for row in rows] == [
         ("S01/A/run", 0.1, "left"),
         ("S02/A/run", 0.2, "right"),
+        ("S02/A/walk", 99.0, ""),
+        ("S02/A/walk", 0.33, ""),
     ]
 
 
