@@ -171,6 +171,10 @@ class Examined:
         if self.side_by_side:
             raise NotJudgedError("the two cameras look from nearly the same side")
 
+    def frames_in_words(self) -> str:
+        """How many there are of the main person: why lengths are not judged where there are few."""
+        return "it has one frame" if self.main.n_frames == 1 else f"it has {self.main.n_frames} frames"
+
     def agreed_m(self, frames: Int[np.ndarray, " frame"]) -> Float[np.ndarray, "frame joint 3"]:
         """Joints of the main person as the cameras agree; raises NotJudgedError if they do not."""
         if self.rig.n_cameras < 2:

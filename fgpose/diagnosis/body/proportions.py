@@ -45,7 +45,8 @@ _PARTS = (*_LIMBS, *_ACROSS)
 _LONG = (*_LIMBS, _ACROSS[0])
 _OF_LEGS = (THIGH, SHANK)  # shares, which no other long part has
 _FEWEST_PARTS = 3
-_LEAST_FRAMES = 5
+LEAST_FRAMES = 5
+"""In fewer, the length of a bone is not judged."""
 
 
 def lengths_m(
@@ -60,7 +61,7 @@ def lengths_m(
         ends = [positions_m[:, [skeleton.index(joint) for joint in end]].mean(axis=1) for end in (part.start, part.end)]
         length = np.linalg.norm(ends[0] - ends[1], axis=-1)
         length = length[np.isfinite(length)]
-        if len(length) >= _LEAST_FRAMES:
+        if len(length) >= LEAST_FRAMES:
             usual = float(np.median(length))
             found.append((usual, float(np.median(np.abs(length - usual))), part.share))
     usual, change, share = np.array(found).reshape(-1, 3).T

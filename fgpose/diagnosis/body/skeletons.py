@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.diagnosis.body.joint_names import in_words
-from fgpose.diagnosis.body.proportions import contradictions, lengths_m, looseness, strangeness
+from fgpose.diagnosis.body.proportions import LEAST_FRAMES, contradictions, lengths_m, looseness, strangeness
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
@@ -36,6 +36,8 @@ def wrong_skeleton(examined: Examined) -> list[Finding]:
     examined.refuse_side_by_side()
     positions_m, given = examined.body_m, examined.main.skeleton
     strange = strangeness(positions_m, given)
+    if np.isnan(strange) and len(positions_m) < LEAST_FRAMES:
+        raise NotJudgedError(examined.frames_in_words())
     if np.isnan(strange):
         raise NotJudgedError(f"skeleton {given.name} has too few joints of arms and legs that are seen")
     found = _cause(positions_m, given, strange)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fgpose.diagnosis.body.proportions import rough_stature_m, stature_m
+from fgpose.diagnosis.body.proportions import LEAST_FRAMES, rough_stature_m, stature_m
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 from fgpose.kinematics.vertical import find_up, question_up
@@ -62,6 +62,8 @@ def wrong_unit(examined: Examined) -> list[Finding]:
     margin = _ROUGHLY if examined.side_by_side else 1.0
     if np.isnan(tall_m):
         tall_m, margin = rough_stature_m(examined.body_m, examined.main.skeleton), _ROUGHLY
+    if np.isnan(tall_m) and len(examined.body_m) < LEAST_FRAMES:
+        raise NotJudgedError(examined.frames_in_words())
     if np.isnan(tall_m):
         raise NotJudgedError("too few limbs are seen to tell how large the person is")
     if _SMALLEST_M / margin < tall_m < _TALLEST_M * margin:

@@ -307,6 +307,8 @@ def faults_of_short(examined: Examined) -> list[Finding]:
     """By a quick self-calibration, which takes clocks and poses for constant."""
     if examined.rig.n_cameras < 3:
         raise NotJudgedError("fewer than three cameras, and too short for two")
+    if examined.main.n_frames < 2:
+        raise NotJudgedError(examined.frames_in_words())
     recording = examined.association if examined.association is not None else examined.main
     faults = camera_faults(recording, examined.rig)
     if not faults:

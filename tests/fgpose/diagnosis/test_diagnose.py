@@ -67,6 +67,14 @@ def test_a_short_recording_tells_nothing_of_what_changes(walking_scene: Scene) -
     }
 
 
+def test_few_frames_are_why_nothing_is_judged(walking_scene: Scene) -> None:
+    """The cameras agree, and all limbs are seen."""
+    one = fgpose.diagnose(walking_scene.observations.first_frames(1), walking_scene.rig).not_judged
+    assert {one["clocks and poses over time"], one["skeleton"], one["unit"]} == {"it has one frame"}
+    four = fgpose.diagnose(walking_scene.observations.first_frames(4), walking_scene.rig).not_judged
+    assert {four["skeleton"], four["unit"]} == {"it has 4 frames"}
+
+
 @pytest.mark.slow
 def test_a_short_recording_advises_no_refinement_that_is_refused(walking_scene: Scene) -> None:
     rig = walking_scene.rig.subset(walking_scene.rig.names[:3])
