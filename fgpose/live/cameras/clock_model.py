@@ -38,6 +38,8 @@ _SYNCHRONISED_S = (-0.005, 0.5)
 _BELIEVED_AFTER_S = 30.0
 # Sender reports agree with each other better than this, unless the camera's time was set.
 _SET_S = 0.1
+# A clock that was set back is right again when its images come as early as before; jitter apart.
+_AS_BEFORE_S = 0.05
 # What SNTP, which most cameras have, reaches in a local network.
 _SYNCHRONISED_SIGMA_S = 0.01
 # Streams take 50 to 150 ms from the exposure to the arrival, where nobody has said how long; where somebody has, they
@@ -66,7 +68,8 @@ class ClockModel:
     An image arrives after it was taken. Unix time minus stamp is a line that has all (arrival - stamp) above it; the
     highest of these over the last twenty minutes is taken. So the stamp of the fastest image becomes its arrival; the
     least time from taking an image to its arrival cannot be seen in the arrivals and is given as latency_s.
-    A camera that sends Unix time (RTCP) is believed if that agrees with the arrivals.
+    A camera that sends Unix time (RTCP) is believed if that agrees with the arrivals. Set back, it would agree too if
+    images came later: its images keep the delays of before until it is seen to be right again.
 
     Args:
         latency_s: the least time from taking an image to its arrival: exposure, encoding, network, decoding.
@@ -84,6 +87,8 @@ class ClockModel:
         self._is_synchronised = False
         self._fast: deque[tuple[float, float]] = deque()
         """Arrivals and delays by the camera's own time, each the least from then on."""
+        self._former_delay_s: float | None = None
+        """The least delay by the camera's own time before it was set back; None: it was not, or it is right again."""
         self.unproven_s: float | None = None
         """By how much longer ago than its time says the newest image may have been taken: nothing tells whether the
         clock is behind or the images come late. None: nothing tells how late they come."""
@@ -120,21 +125,34 @@ class ClockModel:
             return stamp.stamp_s
         self._note_wall_jump(before, stamp)
         if before is not None and self._segment is not None and self._jumps(before, stamp, arrived_s):
-            self.n_jumps += 1
-            self.jump_s = self._segment.offset_s(before.stamp_s) - (arrived_s - stamp.stamp_s)
+            self._note_jump(self._segment.offset_s(before.stamp_s) - (arrived_s - stamp.stamp_s))
             self._end_segment()
         if self._segment is None:
             self._segment = _Segment(stamp.stamp_s, arrived_s - stamp.stamp_s, self._drift, self._drift_sigma)
         self._segment.add(stamp.stamp_s, arrived_s - stamp.stamp_s)
-        if stamp.wall_s is None:
-            self._is_synchronised = False
-        else:
-            fastest_s = self._fastest_s(arrived_s, arrived_s - stamp.wall_s)
-            latest_s = np.inf if self._kind == "synchronised" else _SYNCHRONISED_S[1]
-            self._is_synchronised = bool(_SYNCHRONISED_S[0] <= fastest_s <= latest_s)
-            if self._is_synchronised:
-                return min(stamp.wall_s, arrived_s)
-        return min(stamp.stamp_s + self._segment.offset_s(stamp.stamp_s) - self._latency_s, arrived_s)
+        self._is_synchronised = stamp.wall_s is not None and self._is_right(arrived_s, arrived_s - stamp.wall_s)
+        if self._is_synchronised and stamp.wall_s is not None:
+            return min(stamp.wall_s, arrived_s)
+        return min(stamp.stamp_s + self._segment.offset_s(stamp.stamp_s) - self._least_delay_s, arrived_s)
+
+    @property
+    def _least_delay_s(self) -> float:
+        """From taking an image to its arrival."""
+        return self._latency_s or self._former_delay_s or 0.0
+
+    def _is_right(self, arrived_s: float, delay_s: float) -> bool:
+        """Whether the camera's own time is believed."""
+        fastest_s = self._fastest_s(arrived_s, delay_s)
+        if self._former_delay_s is not None and fastest_s <= self._former_delay_s + _AS_BEFORE_S:
+            self._former_delay_s = None
+        latest_s = np.inf if self._kind == "synchronised" else _SYNCHRONISED_S[1]
+        return bool(_SYNCHRONISED_S[0] <= fastest_s <= latest_s) and self._former_delay_s is None
+
+    def _note_jump(self, jump_s: float) -> None:
+        self.n_jumps, self.jump_s = self.n_jumps + 1, jump_s
+        if jump_s < 0 and self._is_synchronised and self._kind == "auto":
+            self._former_delay_s = self._fast[0][1]
+            self._fast.clear()
 
     def _fastest_s(self, arrived_s: float, delay_s: float) -> float:
         """The least delay of late by the camera's own time: a clock that was wrong may be right again."""
@@ -148,7 +166,7 @@ class ClockModel:
     def restart(self) -> None:
         """The source was opened again: its stamps may begin anew. The drift is kept."""
         self._end_segment()
-        self._last = None
+        self._last = self._former_delay_s = None
         self._fast.clear()
 
     @property
@@ -160,7 +178,7 @@ class ClockModel:
             return 0.0
         if self._is_synchronised and self._last.wall_s is not None:
             return self._last.wall_s - self._last.stamp_s
-        return None if self._segment is None else self._segment.offset_s(self._last.stamp_s) - self._latency_s
+        return None if self._segment is None else self._segment.offset_s(self._last.stamp_s) - self._least_delay_s
 
     @property
     def sigma_s(self) -> float | None:
@@ -198,8 +216,7 @@ class ClockModel:
             return
         change_s = (stamp.wall_s - stamp.stamp_s) - (before.wall_s - before.stamp_s)
         if abs(change_s) > _SET_S and stamp.stamp_s >= before.stamp_s:
-            self.n_jumps += 1
-            self.jump_s = change_s
+            self._note_jump(change_s)
 
     def _jumps(self, before: Stamp, stamp: Stamp, arrived_s: float) -> bool:
         assert self._segment is not None

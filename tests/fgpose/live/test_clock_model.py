@@ -139,6 +139,28 @@ def test_images_that_overtake_each_other_keep_their_times() -> None:
     assert (times_s - captured_s[comes])[300:].max() < 10e-3
 
 
+@pytest.mark.parametrize("is_one_clock", [True, False])
+@pytest.mark.parametrize("back_s", [0.3, 0.4])
+def test_a_camera_whose_time_was_set_back_a_little_keeps_its_delays(back_s: float, is_one_clock: bool) -> None:
+    """Its images would be believed to come later, which is as likely as any of its times."""
+    captured_s, _, arrivals_s, _ = stamps_and_arrivals("exponential", 60, seed=2)
+    wall_s = captured_s - np.where(np.arange(len(captured_s)) // 600 == 1, back_s, 0.0)  # for 20 s
+    model, told = ClockModel(), []
+    times_s = np.empty_like(captured_s)
+    for k, (own_s, wall, arrived_s) in enumerate(zip(captured_s, wall_s, arrivals_s, strict=True)):
+        times_s[k] = model.captured_s(Stamp(wall if is_one_clock else own_s - 1e6, wall), arrived_s)
+        told.append((model.time_sigma_s, model.unproven_s))
+    errors_s = times_s - captured_s
+    known = 600 + (90 if is_one_clock else 30)  # two seconds until it is known that no image overtook another, and one
+    np.testing.assert_allclose(errors_s[:600], 0.0, atol=1e-9)
+    # The least of 30 exponential delays of 50 ms, as after any jump.
+    np.testing.assert_allclose(errors_s[known:1200], 0.0, atol=10e-3)
+    assert told[1100][0] >= 0.1  # nothing proves it
+    assert told[1100][1] == pytest.approx(back_s, abs=10e-3)
+    np.testing.assert_allclose(errors_s[1230:], 0.0, atol=1e-9)  # it is right again
+    assert told[-1] == (0.01, 0.0)
+
+
 @pytest.mark.parametrize("after_s", [0.1, 0.5, 1.5])
 def test_a_clock_that_is_set_from_1970_before_it_is_settled_has_jumped(after_s: float) -> None:
     captured_s, stamps_s, arrivals_s, _ = stamps_and_arrivals("exponential", 20, seed=3)
