@@ -5,17 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fgpose.cli.console import new_console, print_written
 from fgpose.cli.process import command_line
 
 if TYPE_CHECKING:
-    import numpy as np
     from rich.console import Console
 
     from fgpose.calibration import Ending
     from fgpose.calibration.moved_views import Recording
     from fgpose.calibration.self_calibration import CameraCalibration
     from fgpose.config import Config
+    from fgpose.geometry.camera import CameraRig
     from fgpose.io.origin import Origin
     from fgpose.pipeline import Outputs, Source
 
@@ -50,16 +52,30 @@ def _save_and_print(
 
     path = outputs.folder / f"{outputs.name}_calibration.toml"
     if origin is None or origin.rig is None:
-        save_rig(calibration.rig, path, origin=CalibrationOrigin(step=outputs.step))
+        written, known = calibration.rig, CalibrationOrigin(step=outputs.step)
     else:
-        save_rig(origin.rig, path, origin=replace(origin.calibration, step=outputs.step))
-    console.print(calibration_table(calibration, frame_time_s))
+        written, known = origin.rig, replace(origin.calibration, step=outputs.step)
+    save_rig(written, path, origin=known)
+    console.print(calibration_table(_with_offsets_of(calibration, written), frame_time_s))
     if calibration.reassigned:
         shares = ", then ".join(f"{100 * share:.1f} %" for share in calibration.reassigned)
         console.print(f"With it, {shares} of the joints in a camera, at most, belong to somebody else.")
     if not calibration.ending.converged:
         console.print(f"The calibration has not converged: {_what_helps(calibration.ending)}.")
     print_written(console, path)
+
+
+def _with_offsets_of(calibration: CameraCalibration, written: CameraRig) -> CameraCalibration:
+    """With the time offsets that are written, relative to the first camera."""
+    from fgpose.geometry.changing_rig import pieces_of
+
+    found = calibration.time_offsets
+    if found is None:
+        return calibration
+    written_s = {piece.name: camera.time_offset_s for camera in written.cameras for piece in pieces_of(camera)}
+    left_s = dict(zip(calibration.rig.names, found.offsets_s.tolist(), strict=True))
+    offsets_s = np.array([written_s.get(name, left_s[name]) for name in calibration.rig.names])
+    return replace(calibration, time_offsets=replace(found, offsets_s=offsets_s - offsets_s[0]))
 
 
 def _what_helps(ending: Ending) -> str:

@@ -184,7 +184,9 @@ def test_estimate_time_offsets(
     assert np.mean(error_m) < 0.02
 
 
-def test_the_starts_of_cameras_stay_in_the_calibration_that_is_written(tmp_path: Path, walking_scene: Scene) -> None:
+def test_the_starts_of_cameras_stay_in_the_calibration_that_is_written(
+    tmp_path: Path, walking_scene: Scene, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Images of cameras that began seconds apart have been put together: only what is left is estimated."""
     starts_s = np.array([0.0, 2.5, -1.0, 0.0])
     origin = Origin((), walking_scene.rig.with_time_offsets(starts_s))
@@ -193,6 +195,9 @@ def test_the_starts_of_cameras_stay_in_the_calibration_that_is_written(tmp_path:
     written = load_rig(tmp_path / "walk_calibration.toml")
     # Two seconds of walking tell the time to a third of a frame.
     np.testing.assert_allclose(written.time_offsets_s, starts_s, atol=0.02)
+    row = next(line for line in capsys.readouterr().out.splitlines() if "taken later [ms]" in line)
+    printed_ms = np.array(row.split("]")[1].split(), dtype=float)
+    np.testing.assert_allclose(printed_ms, 1000 * written.time_offsets_s, atol=0.05)  # its last digit
 
 
 @pytest.mark.slow
