@@ -94,9 +94,12 @@ class Arrivals:
             return None
         apart_s = np.where(np.isnan(own_s), np.abs(frame_time_s - time_s), np.nan)
         if not (apart_s <= self.usual_step_s).any():
+            newest_s = np.where(np.isnan(image_time_s[-1]), -np.inf, image_time_s[-1])
+            ahead = int(np.argmax(newest_s))
             raise TooLateError(
                 f"camera {name}: no frame near {time_s:.13g} s waits for its image; the window begins at "
-                f"{frame_time_s[0]:.13g} s; the image was not used"
+                f"{frame_time_s[0]:.13g} s, and the newest image is of {self._names[ahead]}, "
+                f"{newest_s[ahead] - time_s:.3g} s ahead; the image was not used. Is one of their clocks another?"
             )
         return int(np.nanargmin(apart_s))
 
