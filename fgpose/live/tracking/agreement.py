@@ -56,6 +56,8 @@ class CameraAgreement:
         self._work: list[_Work] = []
         self._lags = MotionLags(rig)
         self._nobody_followed = NobodyFollowed(rig)
+        self._left_out: frozenset[str] = frozenset()
+        """Cameras whose views would spoil those of all others."""
         self._newest_s = self._taken_s = self._looked_s = -np.inf
         self._parts: dict[tuple[int, ...], CameraRig] = {}
         self._said: Disagreement | None = None
@@ -87,19 +89,32 @@ class CameraAgreement:
         sighting = self._sightings.take(offsets_s, sigma_s)
         if sighting is not None:
             self._lags.add(sighting, sigma_s)
+        self._leave_out()
         self._say()
         if sighting is None:
             return
         if self._newest_s < self._looked_s + _EVERY_S:
             return
         self._looked_s, sighting = self._newest_s, sighting.of_known_clocks
-        seen = np.flatnonzero((sighting.confidence > 0).any(axis=1)).tolist()
+        is_left_out = np.isin(self._rig.names, list(self._left_out))
+        seen = np.flatnonzero((sighting.confidence > 0).any(axis=1) & ~is_left_out).tolist()
         if len(seen) < min(3, self._rig.n_cameras):
             return
         row = self._n_kept % _KEPT
         self._all_mrad[row], self._without_mrad[row] = np.nan, np.nan
         self._n_kept += 1
         self._work = [_Work(row, c, seen, sighting) for c in seen]
+
+    def _leave_out(self) -> None:
+        """Two and more cameras in which nobody is found, as where they are exchanged: without one the others disagree
+        as much as without any other. Of a single one the angle tells more."""
+        found = frozenset(self._nobody_followed.faults)
+        found = found if len(found) > 1 else frozenset[str]()
+        if found - self._left_out:  # the looks so far have them
+            self._all_mrad[:], self._without_mrad[:] = np.nan, np.nan
+            self._n_kept = self._n_unclear = 0
+            self._work = []
+        self._left_out = found
 
     def go_on(self) -> None:
         """Do a part of the work, about half a millisecond."""
@@ -169,7 +184,8 @@ class CameraAgreement:
         return dict.fromkeys(involved, f"{reason}: was one moved? {_REMEDY} [{Code.DISAGREEING_CAMERA}]")
 
     def _say(self) -> None:
-        faults = self._nobody_followed.faults | self._lags.faults | self._lasting
+        lasting = {name: reason for name, reason in self._lasting.items() if name not in self._left_out}
+        faults = self._nobody_followed.faults | self._lags.faults | lasting
         for name in faults.keys() - self.faults.keys():
             _LOG.warning("camera %s: doubtful: %s", name, faults[name])
         for name in self.faults.keys() - faults.keys():

@@ -188,6 +188,21 @@ def test_cameras_in_which_nobody_is_found_who_is_before_them() -> None:
     assert set(exchanged.faults) == {"ring_2"}
 
 
+@pytest.mark.parametrize("n_cameras", [4, 6])
+def test_exchanged_cameras_accuse_nobody_else(n_cameras: int) -> None:
+    """They stay exchanged for longer than it takes to see that the cameras do not agree."""
+    walk = scene(n_cameras)
+    names = {"ring_1": "ring_2", "ring_2": "ring_1"}
+    images = tuple(replace(each, camera=names.get(each.camera, each.camera)) for each in walk.observations.images)
+    exchanged = replace(walk, observations=replace(walk.observations, images=images))
+    agreement = CameraAgreement(walk.rig)
+    assert look(agreement, exchanged, lost=("ring_1", "ring_2")) < 30.0
+    assert set(agreement.faults) == {"ring_1", "ring_2"}
+    assert all("keypoints those of another camera" in reason for reason in agreement.faults.values())
+    look(agreement, walk, after_s=100.0)
+    assert not agreement.faults
+
+
 def test_cameras_that_show_nobody_or_in_which_somebody_is_found_are_right() -> None:
     walk = scene()
     watched = NobodyFollowed(walk.rig)
