@@ -173,6 +173,8 @@ class Estimator:
                 (TooLateError), it is a minute or more after all others and no other camera has an image of that time
                 yet, or the arrays are not as they should be. The estimator is then as it was before.
         """
+        if camera not in self.rig.names:
+            raise ValueError(f"the rig has no camera {camera!r}; it has {', '.join(self.rig.names)}")
         arrays = points2d_px, confidence, points3d_m, covariance3d_m2
         image = one_image(self.skeleton, time_s, camera, arrays).with_cameras(self.rig.names)
         return self._take(image, np.where(np.array(self.rig.names) == camera, time_s, np.nan))

@@ -98,7 +98,11 @@ def load_memory(path: Path, rig: CameraRig, skeleton: Skeleton, config: Config) 
         OSError: it cannot be read.
     """
     with naming(path):
-        table = parse_json(read_content(path, _MAX_BYTES))
+        content = read_content(path, _MAX_BYTES)
+        try:
+            table = parse_json(content)
+        except ValueError as error:
+            raise ValueError(f"it is damaged, or no JSON ({error}): choose a new file, or remove this one") from None
         if not isinstance(table, dict) or table.get("format") != FORMAT:
             raise ValueError(f"it is no file of format {FORMAT!r}")
         file: _File = converted(_File, table, "memory")

@@ -12,10 +12,13 @@ from fgpose.live.reception.keypoint_messages import decode_keypoints
 from fgpose.live.reception.rejections import MessageError
 from fgpose.live.reception.senders import Senders
 from fgpose.people_observations import Detections
+from fgpose.sampling import is_of_a_camera, other_unit
 from fgpose.skeleton import Skeleton
 
 # The stamps of a camera must advance as the clock does, but for the jitter of network and detector.
 _MAX_JUMP_S = 1.0
+# In milliseconds stamps advance a thousand times as fast; jitter apart.
+_RUNS = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +80,25 @@ class _Stamps:
     def __init__(self) -> None:
         self._taken: tuple[float, float] | None = None
         self._refused: tuple[float, float] | None = None
+        self._runs = False
+        """Whether the stamp of the message before was as far ahead as those in another unit are."""
 
     def check(self, detections: Detections, arrived_s: float) -> None:
         new = detections.time_s, arrived_s
         if self._taken is None or _follows(self._taken, new) or (self._refused and _follows(self._refused, new)):
-            self._taken, self._refused = new, None
+            self._taken, self._refused, self._runs = new, None, False
             return
+        before = self._refused or self._taken
+        step_s, ran = new[0] - before[0], self._runs
+        self._runs = not is_of_a_camera(step_s) and step_s > _RUNS * (new[1] - before[1])
         self._refused = new
+        if ran and self._runs:
+            raise MessageError(
+                "unit",
+                f"the stamps of its images follow each other by {step_s:.3g} s: no camera films like that. time_s is "
+                f"in seconds: are these in {other_unit(step_s)}?",
+                detections.camera,
+            )
         advance_s, elapsed_s = new[0] - self._taken[0], new[1] - self._taken[1]
         raise MessageError(
             "time",

@@ -16,8 +16,8 @@ class MessageError(ValueError):
         self.camera = camera
         """Whose message it is, if that is known."""
         self.kind = kind
-        """What is wrong, in a word or two: size, content, camera, skeleton, image size, shape, time, values, link,
-        connection or unexpected."""
+        """What is wrong, in a word or two: size, content, camera, skeleton, image size, shape, time, unit, values,
+        link, connection or unexpected."""
 
 
 @dataclass(frozen=True)

@@ -212,7 +212,7 @@ def test_a_bad_image_changes_nothing(scene: Scene) -> None:
     (estimator, _), (_, expected) = fed(scene, images[:24]), fed(scene, images[:25])
     points_px, time_s = scene.observations.points2d_px[6, 0], float(scene.observations.frame_time_s[6])
     for camera, at_s, points, message in (
-        ("elsewhere", time_s, points_px, "lacks camera elsewhere"),
+        ("elsewhere", time_s, points_px, "no camera .elsewhere."),
         (scene.rig.names[0], float(scene.observations.frame_time_s[5]), points_px, "before; this one was not used"),
         (scene.rig.names[0], -3.0, points_px, "no frame near -3 s"),
         (scene.rig.names[0], float("nan"), points_px, "time_s is not finite"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -51,7 +51,8 @@ REFUSED: dict[str, Refused] = {
     "time_s": lambda e, s: e.update_arrays(**arrays(s, time_s=np.nan)),
     "millimetres": lambda e, s: e.update_arrays(**arrays(s, points3d_m=np.full((*s.points2d_px[9].shape[:2], 3), 1e3))),
     "frame at 1700000000 s is": lambda e, s: e.update_arrays(**arrays(s, time_s=1.7e9)),
-    "door": lambda e, s: e.update_camera(**image(s, "door", 1.0)),
+    "no camera 'door'; it has ring_0, ": lambda e, s: e.update_camera(**image(s, "door", 1.0)),
+    "no camera 0; it has ring_0, ": lambda e, s: e.update_camera(**image(s, cast("str", 0), 1.0)),
     "gave an image at 0.12 s before": lambda e, s: e.update_camera(**image(s, e.rig.names[0], 3 / FPS)),
     "waits for its image": lambda e, s: e.update_camera(**image(s, e.rig.names[0], -1.0)),
     "(?i)time": lambda e, s: e.update_camera(**image(s, e.rig.names[0], np.nan)),

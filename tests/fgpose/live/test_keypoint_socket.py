@@ -233,6 +233,20 @@ def test_a_flood_of_garbage_does_not_keep_the_reader(receiver: KeypointSocket, d
     assert kinds(receiver) == {"content": 200}
 
 
+@pytest.mark.parametrize(("unit", "words"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")])
+def test_stamps_in_another_unit_are_named(unit: float, words: str) -> None:
+    checks, said = keypoint_checks.KeypointChecks(RIG, SKELETON), []
+    arrives_s = 1000.0 + np.cumsum(np.random.default_rng(0).uniform(0.01, 0.06, 30))  # 30 Hz, with jitter
+    for number, arrived_s in enumerate(arrives_s.tolist()):
+        try:
+            checks.taken([zmq.Frame(message(unit * (1000.0 + number / 30)))], arrived_s)
+        except MessageError as error:
+            said.append((error.kind, error.reason))
+    assert [kind for kind, _ in said] == ["time", *["unit"] * 28]
+    assert {reason for kind, reason in said if kind == "unit"} == {said[-1][1]}  # no numbers that grow
+    assert f"time_s is in seconds: are these in {words}" in said[-1][1]
+
+
 def test_stamps_that_repeat_or_jump_are_refused_and_a_clock_that_was_set_is_followed(
     receiver: KeypointSocket, detector: zmq.Socket[bytes], clock: Clock
 ) -> None:

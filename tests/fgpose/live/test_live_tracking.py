@@ -326,6 +326,10 @@ def test_a_memory_that_does_not_fit_is_refused(fed: tuple[LiveTracking, list[Upd
     path.write_text(json.dumps(document))
     with pytest.raises(ValueError, match=r"people\.json: memory\.people: person 0 has a bone length that is none"):
         load_memory(path, *made_for)
+    save_memory(memory, path, *made_for)
+    path.write_text(path.read_text()[:300])
+    with pytest.raises(ValueError, match=r"people\.json: it is damaged, .*: choose a new file, or remove this one"):
+        load_memory(path, *made_for)
     path.write_text('{"format": "of somebody else"}')
     with pytest.raises(ValueError, match=r"people\.json: it is no file of format"):
         load_memory(path, *made_for)
