@@ -25,6 +25,8 @@ _LONG_S = 0.3  # somebody who works has turned round by then
 def interpolated_keypoints(examined: Examined) -> list[Finding]:
     """Joints that move along straight lines, at the same speed to the last digit: no network finds them there."""
     seen = examined.main
+    if seen.n_frames < _IN_A_ROW + 2:
+        return []
     filled = np.stack([_filled(seen.points2d_px[:, c]) for c in range(seen.n_cameras)], axis=1)
     counts = filled.sum(axis=(0, 2))
     found = [c for c, count in enumerate(counts.tolist()) if count >= _FEWEST]
