@@ -16,6 +16,7 @@ from fgpose.estimation.covariances.error_components import covariance_of_errors_
 from fgpose.estimation.covariances.few_view_errors import widened
 from fgpose.estimation.covariances.other_side import off_across, other_side_m2, share_of_other_side, sole_rays
 from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swing
+from fgpose.estimation.covariances.walk_unseen import speed_unseen_mps
 from fgpose.estimation.evidence.delays import image_motion_px, of_one_moment
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered, gather_long
@@ -232,6 +233,7 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
     frame, joint = np.nonzero(~active)
     positions_m[here[frame], joint] = np.nan
     covariance_m2 = np.full((n_frames, n_joints, 3, 3), np.nan, np.float32) if config.solver.covariance else None
+    speed_mps = speed_unseen_mps(positions_m[here], recording.time_s, seen.any(axis=1))
     for window, solution in zip(windows, solved, strict=True):
         own = window.contributed
         around = recording.evidence_of(window.solved)
@@ -239,8 +241,8 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
         residual_px[here[own]] = of_around_px[window.contributed_of_solved]
         if covariance_m2 is not None and solution.covariance_m2 is not None:
             swing = unseen_s[own], recording.skeleton, config.swing, solution.widening_m2
-            doubt = 1 - around.credible[window.contributed_of_solved]
-            of_window_m2 = with_swing(solution.covariance_m2, positions_m[here[own]], *swing, doubt=doubt)
+            more = 1 - around.credible[window.contributed_of_solved], speed_mps[own]
+            of_window_m2 = with_swing(solution.covariance_m2, positions_m[here[own]], *swing, *more)
             covariance_m2[here[own]] = np.where(active[own, :, None, None], of_window_m2, np.nan)
     status = np.full((n_frames, n_joints), Status.UNOBSERVABLE, dtype=np.int8)
     status[here] = joint_status(active, observed)

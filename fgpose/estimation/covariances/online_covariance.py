@@ -39,6 +39,8 @@ class OnlineCovariances:
         self._least_off = np.full(skeleton.n_joints, np.inf)
         """off_across of each joint when it was least since two cameras saw it, until _sides_s."""
         self._sides_s = -np.inf
+        self._speed_mps = 0.0
+        """Of the body, when a camera saw it last."""
 
     def learn(self, oldest: FrameState, rig: CameraRig) -> None:
         """From a frame that is one lag old."""
@@ -53,6 +55,8 @@ class OnlineCovariances:
             keep = np.where(seen, np.exp(-self._unlearned_s / NEARBY_S), 1.0)
             self._information = keep * self._information + (1 - keep) * by_axis
             self._unlearned_s = 0.0
+        if evidence.observed.any():
+            self._speed_mps = float(np.linalg.norm(oldest.velocities_mps[evidence.observed[0]].mean(axis=0)))
         self.roughness.compare(oldest.at.frame, positions_m, evidence.observed[0] & oldest.active, oldest.step_s)
 
     def of_newest_m2(
@@ -154,7 +158,7 @@ class OnlineCovariances:
         widened_m2 = widened(covariance_m2, evidence, positions_m, lasting, rig, skeleton)
         widened_m2 = widened_m2 + self._other_side_m2(state, widened_m2, rig)
         swing = unseen_s[None], skeleton, self._config.swing, widened_m2 - covariance_m2
-        return with_swing(widened_m2, positions_m, *swing, doubt=1 - evidence.credible)[0]
+        return with_swing(widened_m2, positions_m, *swing, 1 - evidence.credible, self._speed_mps)[0]
 
     def _other_side_m2(
         self, state: FrameState, covariance_m2: Float[np.ndarray, "1 joint 3 3"], rig: CameraRig

@@ -81,8 +81,10 @@ def with_swing(
     config: SwingConfig,
     of_seen_m2: Float[np.ndarray, "frame joint 3 3"] | None = None,
     doubt: Float[np.ndarray, "frame joint"] | float = 0.0,
+    speed_mps: Float[np.ndarray, " frame"] | float = 0.0,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
-    """The covariance widened for the swing of every unseen joint and of those that hold it, and for what is doubted.
+    """The covariance widened for the swing of every unseen joint and of those that hold it, for what is doubted, and
+    for the way of somebody of whom no camera sees anything.
 
     Args:
         covariance_m2: of all joints.
@@ -92,6 +94,7 @@ def with_swing(
         config: how far they swing.
         of_seen_m2: by how much the covariance of seen joints was widened already; that of those that they hold is too.
         doubt: probability that all detections of a joint are guesses; see fgpose.estimation.evidence.credibility.
+        speed_mps: of the body, from around the time in which no camera sees it: it may go on, or stop.
 
     A bone of length L that has turned by an angle a has moved its end by L a across and L a^2 / 2 along itself.
     """
@@ -100,6 +103,10 @@ def with_swing(
     if not swings.any():
         return covariance_m2
     swing_m2 = np.zeros_like(covariance_m2)
+    gone_m = np.nan_to_num(speed_mps * unseen_s.min(axis=1), posinf=0.0)
+    held = [joint for joint, _ in holders(skeleton)]
+    free = np.isin(np.arange(skeleton.n_joints), held, invert=True)
+    swing_m2[:, free] = np.where(swings[:, free, None, None], (gone_m**2 / 3)[:, None, None, None] * np.eye(3), 0.0)
     for joint, holder in holders(skeleton):
         bone_m = positions_m[:, joint] - positions_m[:, holder]
         length_m = np.linalg.norm(bone_m, axis=-1)

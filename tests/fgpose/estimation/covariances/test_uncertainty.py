@@ -9,6 +9,7 @@ from scipy.stats import chi2
 import fgpose
 from fgpose.config import SwingConfig, config_from_dict
 from fgpose.estimation.covariances.uncertainty import distrust_factor, distrust_factor_online, with_swing
+from fgpose.estimation.covariances.walk_unseen import speed_unseen_mps
 from fgpose.estimation.noise import surely_positive
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import Scene
@@ -122,6 +123,29 @@ def test_it_grows_with_time_and_along_the_limb(skeleton: Skeleton) -> None:
     both, _ = widened(skeleton, {"right_wrist": 1.0, "right_elbow": 1.0})
     assert np.trace(short[wrist]) < np.trace(long[wrist]) < np.trace(both[wrist])
     np.testing.assert_allclose(both[wrist], long[wrist] + both[elbow])
+
+
+def test_somebody_whom_nobody_sees_may_go_on_or_stop(skeleton: Skeleton) -> None:
+    """Bones hold the joints: all of them go with the one that none holds."""
+    positions_m, unseen_s = np.zeros((3, skeleton.n_joints, 3)), np.zeros((3, skeleton.n_joints))
+    unseen_s[0], unseen_s[1, 1:] = 0.4, 0.4
+    nothing, speed_mps = np.zeros((3, skeleton.n_joints, 3, 3)), np.array([1.5, 1.5, 1.5])
+    added = with_swing(nothing, positions_m, unseen_s, skeleton, SwingConfig(), speed_mps=speed_mps)
+    np.testing.assert_allclose(np.trace(added[0], axis1=-2, axis2=-1), 0.6**2)
+    assert not added[1:].any()
+
+
+def test_the_speed_is_that_before_or_after() -> None:
+    time_s = np.arange(60) / 20
+    is_seen = (time_s < 1.0) | (time_s > 1.6)
+    x_m = np.where(time_s < 1.3, 0.2 * time_s, 0.26 + 1.4 * (time_s - 1.3))
+    positions_m = np.stack([x_m, 0 * x_m, 0 * x_m], axis=-1)[:, None].repeat(2, axis=1)
+    positions_m[3, 0] = positions_m[40, 1] = np.nan
+    speed_mps = speed_unseen_mps(positions_m, time_s, is_seen)
+    np.testing.assert_allclose(speed_mps[~is_seen], 1.4)
+    assert not speed_mps[is_seen].any()
+    assert not speed_unseen_mps(positions_m, time_s, np.ones(60, dtype=bool)).any()
+    assert not speed_unseen_mps(positions_m, time_s, np.zeros(60, dtype=bool)).any()
 
 
 def test_a_bone_of_length_zero_adds_nothing(skeleton: Skeleton) -> None:
