@@ -9,6 +9,7 @@ from fgpose.association.chosen_person import main_person
 from fgpose.association.common_clock import single_images_together
 from fgpose.association.recording import Association, associate
 from fgpose.config import Config
+from fgpose.diagnosis.body.hands import exchanged_hands
 from fgpose.diagnosis.body.sides import mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
 from fgpose.diagnosis.body.tempo import slow_motion
@@ -69,7 +70,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "skeleton": (wrong_skeleton,),
     "unit": (wrong_unit,),
     "which way is up": (wrong_up,),
-    "sides": (mirrored_body, exchanged_sides),
+    "sides": (mirrored_body, exchanged_sides, exchanged_hands),
     "what is seen": (
         foreign_3d,
         frozen_cameras,
