@@ -108,9 +108,8 @@ class Estimator:
 
         Raises:
             ValueError: there is more than one frame, a camera is not in the rig, the skeleton differs, or time does
-                not increase (TooLateError: a repeated or older frame); the frame is half an hour or more after all
-                before (it is believed when it, or another of that time, comes next); or none of the first frames makes
-                a body: the calibration is in millimetres. The estimator is then as it was before.
+                not increase (TooLateError: a repeated or older frame); or none of the first frames makes a body: the
+                calibration is in millimetres. The estimator is then as it was before.
 
         Warns:
             UserWarning: images of a camera are left out, as they were taken far from the others.

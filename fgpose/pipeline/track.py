@@ -15,7 +15,6 @@ from fgpose.association.track import TrackEvent
 from fgpose.config import Config
 from fgpose.correspondences import Seen, SeenInImage
 from fgpose.estimation.estimator import Estimator
-from fgpose.estimation.online.arrivals import AheadError
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
@@ -97,10 +96,7 @@ class _OfOne:
         return (partial(self._update, seen) for seen in self._observations)
 
     def _update(self, seen: Observations) -> Mapping[int, Estimate]:
-        try:
-            self._seen, self._newest = seen, self._estimator.update(seen)
-        except AheadError:  # a recording may have been paused for an hour
-            self._seen, self._newest = seen, self._estimator.update(seen)
+        self._seen, self._newest = seen, self._estimator.update(seen)
         return {0: self._newest}
 
     def show(self, viewer: Recording, frame: int, update_ms: float) -> None:

@@ -113,13 +113,6 @@ def test_recording_shorter_than_the_lag_has_no_lagged_estimates(source: Source[O
     assert list(run_track(source, Config()).trajectories) == ["online"]
 
 
-def test_a_recording_that_was_paused_for_hours_is_tracked(source: Source[Observations]) -> None:
-    frames = source.observations.frames(slice(0, 6))
-    paused_s = frames.frame_time_s + np.where(np.arange(6) < 3, 0.0, 7200.0)
-    paused = run_track(Source(source.rig, replace(frames, time_s=paused_s)), SHORT_LAG)
-    np.testing.assert_array_equal(paused.trajectories["online"][0].time_s, paused_s)
-
-
 def test_each_update_is_shown(source: Source[Observations]) -> None:
     seen: list[int] = []
 

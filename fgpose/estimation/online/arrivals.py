@@ -25,19 +25,12 @@ _SLOWEST_STEP_S = 1.0
 _TURNS = 12
 FAR_S = 60.0
 """Of an image after all others: nobody who was followed is still there, and no camera is so slow."""
-# Nor is anybody after an hour; after a minute a system that was paused goes on.
-_FAR_FRAME_S = 1800.0
-_ALL = -1  # cameras
 ENOUGH_OF_ONE = 10
 """Where the other cameras give no images, so many of one that is far ahead are believed."""
 
 
 class TooLateError(ValueError):
     """No frame in the window can take what has come."""
-
-
-class AheadError(ValueError):
-    """What has come is too far after all before to be believed at once."""
 
 
 class Arrivals:
@@ -142,31 +135,28 @@ class Turns:
 
 
 class Ahead:
-    """Images of one camera, and frames, that are far later than all before. For one wrong stamp all others would be too
-    late: an image is believed when one of another camera is of about that time, a frame when another is."""
+    """Images of one camera that are far later than all before. For one wrong stamp all others would be too late: it is
+    believed when one of another camera is of about that time."""
 
     def __init__(self, camera_names: tuple[str, ...]) -> None:
         self._names = camera_names
         self._waiting: deque[tuple[int, float]] = deque(maxlen=ENOUGH_OF_ONE)
 
     def check(self, taken_s: Float[np.ndarray, " camera"], newest_s: float) -> None:
-        """Of images at these times (NaN: there is none), after a frame of another; -inf: none. Raises AheadError where
+        """Of images at these times (NaN: there is none), after a frame of another; -inf: none. Raises ValueError where
         it is not believed yet."""
         (cameras,) = np.nonzero(np.isfinite(taken_s))
-        is_image = len(cameras) == 1 and len(self._names) > 1
-        time_s = float(np.median(taken_s[cameras])) if len(cameras) else -np.inf
-        if not time_s > newest_s + (FAR_S if is_image else _FAR_FRAME_S) > -np.inf:
+        if len(cameras) != 1 or len(self._names) == 1 or not taken_s[cameras[0]] > newest_s + FAR_S > -np.inf:
             self._waiting.clear()
             return
-        self._waiting.append((int(cameras[0]) if is_image else _ALL, time_s))
+        camera, time_s = int(cameras[0]), float(taken_s[cameras[0]])
+        self._waiting.append((camera, time_s))
         near = [each for each, other_s in self._waiting if abs(other_s - time_s) <= FAR_S]
-        far = f"at {time_s:.13g} s is {time_s - newest_s:.6g} s after all before; it was not used, and is believed when"
-        if is_image and len(set(near)) == 1 and len(near) < ENOUGH_OF_ONE:
-            raise AheadError(
-                f"camera {self._names[int(cameras[0])]}: its image {far} another camera has one of that time"
+        if len(set(near)) == 1 and len(near) < ENOUGH_OF_ONE:
+            raise ValueError(
+                f"camera {self._names[camera]}: its image at {time_s:.13g} s is {time_s - newest_s:.6g} s after all "
+                "before; it was not used, and is believed when another camera has one of that time"
             )
-        if not is_image and len(near) == 1:
-            raise AheadError(f"the frame {far} another is of that time, or it is given again")
 
 
 def with_image(frame: Observations, image: Observations, of_image: Bool[np.ndarray, " camera"]) -> Observations:
