@@ -74,6 +74,7 @@ def test_cameras_move_with_a_focal_length_as_they_are_off_by_it() -> None:
     wrong, right = (adjust(filmed, rig, config=MORE) for rig in (CameraRig(tuple(start)), true))
     check = check_focal(wrong.problem, wrong.state)
     covariance = np.einsum("ci,dj->cidj", check.moves[1], check.moves[1])
-    moved = RigEstimate(wrong.rig, covariance, np.zeros(3), np.zeros(3)).aligned(right.rig).variances()
+    zero = np.zeros(wrong.rig.n_cameras)
+    moved = RigEstimate(wrong.rig, covariance, zero, zero).aligned(right.rig).variances()
     off = disagreement(wrong.rig, right.rig)
     assert (off.position_m2[1] / moved.position_m2[1]) ** 0.5 == pytest.approx(1.0, abs=0.5)
