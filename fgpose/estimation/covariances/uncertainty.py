@@ -103,7 +103,7 @@ def with_swing(
     if not swings.any():
         return covariance_m2
     swing_m2 = np.zeros_like(covariance_m2)
-    gone_m = np.nan_to_num(speed_mps * unseen_s.min(axis=1), posinf=0.0)
+    gone_m = speed_mps * np.nan_to_num(unseen_s.min(axis=1), posinf=0.0)  # who was never seen does not go on
     held = [joint for joint, _ in holders(skeleton)]
     free = np.isin(np.arange(skeleton.n_joints), held, invert=True)
     swing_m2[:, free] = np.where(swings[:, free, None, None], (gone_m**2 / 3)[:, None, None, None] * np.eye(3), 0.0)
