@@ -135,10 +135,14 @@ def _position_as_translation(camera: Camera, rng: np.random.Generator) -> Camera
 
 
 def _y_down(take: Take, rng: np.random.Generator) -> Damaged:
-    """The whole world is turned, and so is the truth."""
+    """The whole world is turned, and so are the truth and what views see in 3D."""
     turn = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     cameras = tuple(_pose(camera, turn @ camera.world_T_camera) for camera in take.rig.cameras)
-    return Damaged(CameraRig(cameras), take.observations, take.truth_m @ turn[:3, :3].T)
+    R, seen = turn[:3, :3], take.observations
+    if seen.points3d_m is not None:
+        covariance_m2 = None if seen.covariance3d_m2 is None else R @ seen.covariance3d_m2 @ R.T
+        seen = replace(seen, points3d_m=seen.points3d_m @ R.T, covariance3d_m2=covariance_m2)
+    return Damaged(CameraRig(cameras), seen, take.truth_m @ R.T)
 
 
 def moved(degrees: float, metres: float) -> Callable[[Take, np.random.Generator], Damaged]:

@@ -36,10 +36,18 @@ def at_other_times(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Take
         points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
         points[:, c] = np.where(inside[:, None, None], filmed.points2d_px[:, c], np.nan)
         confidence[:, c] = filmed.confidence[:, c]
+        seen = with_points(take.observations, points, confidence)
+        in_3d = {}
+        for name in ("points3d_m", "covariance3d_m2"):
+            given, new = getattr(seen, name), getattr(filmed, name)
+            if given is not None and new is not None:
+                in_3d[name] = given.copy()
+                in_3d[name][:, c] = new[:, c]
+        if "points3d_m" in in_3d:
+            in_3d["points3d_m"][~inside, c] = np.nan
+        seen = replace(seen, **in_3d)
         at_s = float(time_s[len(time_s) // 2])
-        return Damaged(
-            take.rig, with_points(take.observations, points, confidence), take.truth_m, (take.rig.names[c],), at_s
-        )
+        return Damaged(take.rig, seen, take.truth_m, (take.rig.names[c],), at_s)
 
     return inflict
 
