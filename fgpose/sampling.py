@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +21,9 @@ _LONGEST_STEPS = 1.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 5e-4, 2.0
 _UNITS_S = {"milliseconds, or numbers of frames": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _FEW_STEPS = 10
+# The median of these is the usual step. With more, a change of the frame rate is noticed later; with fewer, jitter
+# disturbs it.
+_REMEMBERED_STEPS = 50
 # Cameras that are started by hand are so within minutes.
 _APART_S = 600.0
 
@@ -36,10 +40,20 @@ def other_unit(step_s: float) -> str:
 
 
 class Pace:
-    """Warns once where times that come one after the other are not in seconds."""
+    """How fast the images of cameras follow each other.
 
-    def __init__(self) -> None:
-        self._steps_s: list[float] | None = []  # None: it was told
+    Args:
+        warns: once where their times are not in seconds.
+    """
+
+    def __init__(self, *, warns: bool = True) -> None:
+        self._last_s: deque[float] = deque(maxlen=_REMEMBERED_STEPS)
+        self._long_s: list[float] | None = [] if warns else None  # None: it is not told again
+
+    @property
+    def usual_step_s(self) -> float:
+        """Usual time from one image of a camera to its next; 0 until a camera has given two."""
+        return float(np.median(self._last_s)) if self._last_s else 0.0
 
     def add(self, step_s: float) -> None:
         """Take the time from one image of a camera to its next.
@@ -47,11 +61,12 @@ class Pace:
         Warns:
             UserWarning: the last ten are longer than those of any camera.
         """
-        if self._steps_s is None:
+        self._last_s.append(step_s)
+        if self._long_s is None:
             return
-        self._steps_s = [*self._steps_s, step_s] if step_s >= _LONGEST_STEP_S else []
-        if len(self._steps_s) == _FEW_STEPS:
-            usual_s, self._steps_s = float(np.median(self._steps_s)), None
+        self._long_s = [*self._long_s, step_s] if step_s >= _LONGEST_STEP_S else []
+        if len(self._long_s) == _FEW_STEPS:
+            usual_s, self._long_s = float(np.median(self._long_s)), None
             warnings.warn(
                 f"the images of a camera follow each other by {usual_s:.3g} s: no camera films like that. Times are in "
                 f"seconds: are these in {other_unit(usual_s)}?",

@@ -102,9 +102,9 @@ class Estimator:
 
         Detections that make no body are left out, as if nobody had been detected (Estimate.is_implausible); so are
         those that repeat the image before to the last digit, views that go over to somebody else, and images that were
-        taken far from most of the frame, by the times of the cameras (OneMoment). The image of one
-        camera alone (the others have no time, or are not in the frame) is taken as update_camera takes it, as
-        are those of cameras that show somebody in turns: it may join the frame before, whose pose is returned then.
+        taken far from most of the frame, by the times of the cameras (OneMoment). The image of one camera alone (the
+        others have no time, or are not in the frame) is taken as update_camera takes it, as are those of cameras that
+        show somebody in turns: it may join the frame before, whose pose is returned then.
 
         Raises:
             ValueError: there is more than one frame, a camera is not in the rig, the skeleton differs, or time does

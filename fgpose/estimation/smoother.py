@@ -14,7 +14,7 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.covariances.error_components import covariance_of_errors_m2
 from fgpose.estimation.covariances.few_view_errors import widened
-from fgpose.estimation.covariances.other_side import off_across, other_side_m2, share_of_other_side, sole_rays
+from fgpose.estimation.covariances.other_side import other_sides_m2
 from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swing
 from fgpose.estimation.covariances.walk_unseen import speed_unseen_mps
 from fgpose.estimation.evidence.delays import image_motion_px, of_one_moment
@@ -196,13 +196,9 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
         return solution
     covariance_m2, lasting = covariance_of_errors_m2(segment, solution.positions_m)
     covariance_m2 = distrust_factor(segment.evidence.total_weight)[..., None, None] * covariance_m2
-    known = segment.evidence, solution.positions_m
-    widened_m2 = widened(covariance_m2, *known, lasting, segment.rig, segment.skeleton)
-    ray = sole_rays(*known, segment.rig)
-    if ray.any():
-        off = off_across(ray, solution.positions_m, widened_m2, segment.skeleton)
-        share = share_of_other_side(off, segment.evidence.observed) * ray.any(axis=-1)
-        widened_m2 = widened_m2 + other_side_m2(share, ray, solution.positions_m, segment.skeleton)
+    known, people = (segment.evidence, solution.positions_m), (segment.rig, segment.skeleton)
+    widened_m2 = widened(covariance_m2, *known, lasting, *people)
+    widened_m2 = widened_m2 + other_sides_m2(*known, widened_m2, *people)
     return replace(solution, covariance_m2=widened_m2, widening_m2=widened_m2 - covariance_m2)
 
 
@@ -233,7 +229,7 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
     frame, joint = np.nonzero(~active)
     positions_m[here[frame], joint] = np.nan
     covariance_m2 = np.full((n_frames, n_joints, 3, 3), np.nan, np.float32) if config.solver.covariance else None
-    speed_mps = speed_unseen_mps(positions_m[here], recording.time_s, seen.any(axis=1))
+    speed_mps = speed_unseen_mps(positions_m, here, recording.time_s, seen.any(axis=1))
     for window, solution in zip(windows, solved, strict=True):
         own = window.contributed
         around = recording.evidence_of(window.solved)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence, Set
 
 import numpy as np
@@ -28,7 +27,6 @@ from fgpose.tracking.memory import go_on, memory_of
 from fgpose.tracking.parallel import ParallelEstimators
 
 _APPLY_OFFSETS_S = 0.5
-_REMEMBERED_STEPS = 50
 _MOST_EVENTS = 1000  # of hours, for those who never ask
 
 
@@ -66,8 +64,7 @@ class Tracker:
         self._waiting: list[Detections] = []
         """Images that are far later than all before."""
         self._image_s: dict[str, float] = {}
-        self._pace, self._steps_s = Pace(), deque[float](maxlen=_REMEMBERED_STEPS)
-        self._one_moment = OneMoment(rig.names)
+        self._pace, self._one_moment = Pace(), OneMoment(rig.names)
         self._told_of: set[str] = set()
         """Cameras whose images are not used, which was said."""
         self._has_covariance: bool | None = None
@@ -198,7 +195,6 @@ class Tracker:
         for camera, time_s in newest.items():
             if time_s > self._image_s.get(camera, np.inf):
                 self._pace.add(time_s - self._image_s[camera])
-                self._steps_s.append(time_s - self._image_s[camera])
         self._image_s, self._with_appearance = newest, with_appearance[:1]
         self._has_covariance, self._waiting = has_covariance, waiting
         self._warn_of_unused(given, {image.camera for image in (*believed, *waiting)})
@@ -206,13 +202,11 @@ class Tracker:
 
     def _taken_together(self, images: list[Detections]) -> list[Detections]:
         """Without those that were taken far from the others."""
-        step_s = float(np.median(self._steps_s)) if self._steps_s else 0.0
         taken_s = np.array([image.time_s for image in images])
-        together = taken_together(taken_s, step_s)
+        together = taken_together(taken_s, self._pace.usual_step_s)
         usual_s = float(taken_s[together].mean())
-        left_out = [image for image, is_kept in zip(images, together.tolist(), strict=True) if not is_kept]
-        self._one_moment.warn({image.camera: image.time_s - usual_s for image in left_out})
-        return [image for image in images if image not in left_out]
+        self._one_moment.warn({images[i].camera: images[i].time_s - usual_s for i in np.flatnonzero(~together)})
+        return [images[i] for i in np.flatnonzero(together)]
 
     def _warn_of_unused(self, given: Sequence[Detections], believed: Set[str]) -> None:
         """Once for each camera."""

@@ -52,7 +52,29 @@ def sole_rays(
 ) -> Float[np.ndarray, "frame joint 3"]:
     """Rays to the joints that one camera alone sees; 0 for the others. Its own 3D errs by as much as joints are before
     or behind each other."""
+    if not evidence.sole_view.any():
+        return np.zeros(positions_m.shape)
     return np.sum(np.where(evidence.sole_view[..., None], rays_to(positions_m, rig), 0.0), axis=1)
+
+
+def other_sides_m2(
+    evidence: Evidence,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"],
+    rig: CameraRig,
+    skeleton: Skeleton,
+) -> Float[np.ndarray, "frame joint 3 3"]:
+    """other_side_m2 of all joints of a recording that one camera alone sees.
+
+    Args:
+        evidence, positions_m, covariance_m2: of its frames.
+        rig, skeleton: of the evidence.
+    """
+    ray = sole_rays(evidence, positions_m, rig)
+    if not ray.any():
+        return np.zeros_like(covariance_m2)
+    share = share_of_other_side(off_across(ray, positions_m, covariance_m2, skeleton), evidence.observed)
+    return other_side_m2(share * ray.any(axis=-1), ray, positions_m, skeleton)
 
 
 def off_across(

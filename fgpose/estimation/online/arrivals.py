@@ -14,9 +14,6 @@ from fgpose.observations import Observations
 from fgpose.sampling import Pace
 from fgpose.skeleton import Skeleton
 
-# The median of these is the usual step. With more, a change of the frame rate is noticed later; with fewer, jitter
-# disturbs it.
-_REMEMBERED_STEPS = 50
 # Nearly a whole step: a frame then has an image of every camera, and the cameras confirm each other. With half a step,
 # four cameras at different times of their step had an error 4 to 8 % (occluded: 26 %) above that of synchronous ones.
 _NEW_FRAME_STEPS = 0.9
@@ -48,13 +45,12 @@ class Arrivals:
     def __init__(self, camera_names: tuple[str, ...], *, warns: bool = True) -> None:
         self._names = camera_names
         self._last_s = np.full(len(camera_names), np.nan)
-        self._steps_s: deque[float] = deque(maxlen=_REMEMBERED_STEPS)
-        self._pace = Pace() if warns else None
+        self.pace = Pace(warns=warns)
 
     @property
     def usual_step_s(self) -> float:
         """Usual time from one image of a camera to its next; a second until a camera has given two."""
-        return float(np.median(self._steps_s)) if self._steps_s else _SLOWEST_STEP_S
+        return self.pace.usual_step_s or _SLOWEST_STEP_S
 
     def frame_of(
         self,
@@ -99,10 +95,8 @@ class Arrivals:
     def took(self, time_s: Float[np.ndarray, " camera"]) -> None:
         """Learn the usual step from images that were used: the time of that of each camera; NaN: there was none."""
         steps_s = (time_s - self._last_s)[time_s > self._last_s].tolist()
-        self._steps_s.extend(steps_s)
-        if self._pace is not None:
-            for step_s in steps_s:
-                self._pace.add(step_s)
+        for step_s in steps_s:
+            self.pace.add(step_s)
         self._last_s = np.fmax(self._last_s, time_s)
 
 

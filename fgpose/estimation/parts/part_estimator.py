@@ -104,8 +104,8 @@ class PartEstimator:
 
     @property
     def usual_step_s(self) -> float:
-        """From one image of a camera to its next; 0 until there have been two frames."""
-        return self._arrivals.usual_step_s if len(self._window) > 1 else 0.0
+        """From one image of a camera to its next; 0 until a camera has given two."""
+        return self._arrivals.pace.usual_step_s
 
     @property
     def offsets(self) -> RunningOffsets:

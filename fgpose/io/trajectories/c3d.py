@@ -7,7 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.geometry.up_axis import SIGNED_AXES, UpAxis, WorldUp, nearest_axis, z_up, z_up_R_world
 from fgpose.io.arrays import checked, texts
@@ -77,15 +77,12 @@ def write_c3d(
         raise ValueError(f"{path}: C3D holds at most {_MAX_FRAMES} frames, this is {trajectory.n_frames}; use TRC")
     rate_hz = constant_rate_hz(trajectory.time_s)
     warn_of_uneven_times(trajectory.time_s, rate_hz, path, "C3D")
-    known = np.asarray(np.isfinite(trajectory.positions_m).all(axis=-1))
-    points = np.ones((4, trajectory.skeleton.n_joints, trajectory.n_frames))
     kept = isinstance(world_up, str) and nearest_axis(world_up) in _SCREEN
     file_up: WorldUp = world_up if kept else "z"
-    positions_m = trajectory.positions_m if kept else z_up(trajectory.positions_m, world_up)
-    points[:3] = np.where(known[..., None], positions_m, np.nan).transpose(2, 1, 0) * 1000.0
     file = ezc3d.c3d()
+    points, known = _points(trajectory.positions_m if kept else z_up(trajectory.positions_m, world_up))
     file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = np.where(known.T, 0.0, -1.0)[None]
+    file["data"]["meta_points"]["residuals"] = np.where(known, 0.0, -1.0)[None]
     first, offset_s = _start(trajectory.time_s, rate_hz, path)
     file["header"]["points"]["first_frame"] = first
     file.add_parameter("POINT", START_OFFSET, [offset_s])
@@ -103,6 +100,16 @@ def write_c3d(
         file.add_parameter("ROTATION", "RATE", [rate_hz])
     with replacing(path, _holds(trajectory, len(poses.segments) if poses else 0)) as temporary:
         file.write(str(temporary))
+
+
+def _points(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+) -> tuple[Float[np.ndarray, "4 joint frame"], Bool[np.ndarray, "joint frame"]]:
+    """In millimetres, homogeneous, NaN in gaps; and where there is none."""
+    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
+    points = np.ones((4, *positions_m.shape[1::-1]))
+    points[:3] = np.where(known[..., None], positions_m, np.nan).transpose(2, 1, 0) * 1000.0
+    return points, known.T
 
 
 def _rotations(poses: SegmentPoses, file_up: WorldUp) -> Float[np.ndarray, "4 4 segment frame"]:

@@ -141,11 +141,11 @@ def test_the_speed_is_that_before_or_after() -> None:
     x_m = np.where(time_s < 1.3, 0.2 * time_s, 0.26 + 1.4 * (time_s - 1.3))
     positions_m = np.stack([x_m, 0 * x_m, 0 * x_m], axis=-1)[:, None].repeat(2, axis=1)
     positions_m[3, 0] = positions_m[40, 1] = np.nan
-    speed_mps = speed_unseen_mps(positions_m, time_s, is_seen)
+    speed_mps = speed_unseen_mps(positions_m, np.arange(60), time_s, is_seen)
     np.testing.assert_allclose(speed_mps[~is_seen], 1.4)
     assert not speed_mps[is_seen].any()
-    assert not speed_unseen_mps(positions_m, time_s, np.ones(60, dtype=bool)).any()
-    assert not speed_unseen_mps(positions_m, time_s, np.zeros(60, dtype=bool)).any()
+    assert not speed_unseen_mps(positions_m, np.arange(60), time_s, np.ones(60, dtype=bool)).any()
+    assert not speed_unseen_mps(positions_m, np.arange(60), time_s, np.zeros(60, dtype=bool)).any()
 
 
 def test_a_bone_of_length_zero_adds_nothing(skeleton: Skeleton) -> None:
