@@ -113,13 +113,10 @@ def _(rig: CameraRig) -> Summary:
 
 @summary.register
 def _(angles: JointAngles) -> Summary:
-    rows = []
+    rows, quantiles_deg = [], angles.quantiles_deg((0.0, 0.5, 1.0))
     for index, name in enumerate(angles.names):
-        own_deg = angles.angle_deg[:, index]
-        known_deg = own_deg[np.isfinite(own_deg)]
-        low, middle, high = np.percentile(known_deg, (0, 50, 100)) if len(known_deg) else (np.nan,) * 3
-        cells = [f"{value:.1f}" if np.isfinite(value) else "-" for value in (low, middle, high)]
-        share = len(known_deg) / max(len(own_deg), 1)
+        cells = [f"{value:.1f}" if np.isfinite(value) else "-" for value in quantiles_deg[:, index]]
+        share = float(np.isfinite(angles.angle_deg[:, index]).sum()) / max(len(angles.time_s), 1)
         rows.append((name, *cells, _median(angles.sigma_deg[:, index], "") or "-", percent(share)))
     facts = {
         "": listed(angles.names),

@@ -71,14 +71,12 @@ def ranges_table(angles: JointAngles) -> Table:
     determined."""
 
     table = new_table("angle [deg]", "min", "median", "max", "sigma", "known [%]")
+    quantiles_deg = angles.quantiles_deg((0.0, 0.5, 1.0))
     for index, name in enumerate(angles.names):
-        angle_deg, sigma_deg = angles.angle_deg[:, index], angles.sigma_deg[:, index]
-        known_deg, known_sigma_deg = angle_deg[np.isfinite(angle_deg)], sigma_deg[np.isfinite(sigma_deg)]
-        cells = ["-"] * 4
-        if len(known_deg):
-            cells[:3] = [f"{value:.1f}" for value in np.percentile(known_deg, (0, 50, 100))]
-        if len(known_sigma_deg):
-            cells[3] = f"{known_sigma_deg.mean():.1f}"
-        share = 100 * len(known_deg) / len(angle_deg) if len(angle_deg) else 0.0
+        known, known_sigma_deg = np.isfinite(angles.angle_deg[:, index]), angles.sigma_deg[:, index]
+        known_sigma_deg = known_sigma_deg[np.isfinite(known_sigma_deg)]
+        cells = [f"{value:.1f}" for value in quantiles_deg[:, index]] if known.any() else ["-"] * 3
+        cells.append(f"{known_sigma_deg.mean():.1f}" if len(known_sigma_deg) else "-")
+        share = 100 * float(known.mean()) if len(known) else 0.0
         table.add_row(name.replace("_", " "), *cells, f"{share:.0f}")
     return table

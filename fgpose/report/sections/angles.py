@@ -84,11 +84,10 @@ def _kinds(angles: JointAngles) -> dict[str, dict[str, int]]:
 
 
 def _table(angles: JointAngles) -> Table:
-    rows = []
+    rows, quantiles_deg = [], angles.quantiles_deg((0.025, 0.5, 0.975))
     for n, name in enumerate(angles.names):
-        own_deg = angles.angle_deg[:, n]
-        low, middle, high = (known_quantile(own_deg, q) for q in (0.025, 0.5, 0.975))
-        share = float(np.mean(np.isfinite(own_deg)))
+        low, middle, high = quantiles_deg[:, n].tolist()
+        share = float(np.mean(np.isfinite(angles.angle_deg[:, n])))
         rows.append((
             TableCell(name.replace("_", " ")), number(low), number(middle), number(high), number(high - low),
             number(known_quantile(angles.sigma_deg[:, n], 0.5)), TableCell(f"{100 * share:.0f} %", key=share),

@@ -220,3 +220,19 @@ def test_the_trajectory_stays_as_it_was() -> None:
     joint_angles(before)
     np.testing.assert_array_equal(before.positions_m, positions_m)
     assert replace(before) is not before
+
+
+def test_quantiles_of_a_heading_do_not_depend_on_where_the_world_s_axes_point() -> None:
+    """Somebody who faces -x turns from 175 to -175 degrees: by 10, not by 350."""
+    spread_deg = np.random.default_rng(0).normal(0.0, 15.0, 400)
+    plain_deg = np.quantile(spread_deg, (0.0, 0.5, 1.0))
+    for heading_deg in (0.0, 90.0, 179.0, -170.0):
+        turned_deg = (spread_deg + heading_deg + 180) % 360 - 180
+        found_deg = JointAngles(("a",), np.arange(400.0), turned_deg[:, None], np.ones((400, 1))).quantiles_deg(
+            (0.0, 0.5, 1.0)
+        )[:, 0]
+        off_deg = found_deg - plain_deg - heading_deg
+        np.testing.assert_allclose(off_deg, np.full(3, np.round(off_deg[0] / 360) * 360), atol=1e-9)
+        assert -180 <= found_deg[1] < 180
+    nowhere = JointAngles(("a",), np.zeros(1), np.full((1, 1), np.nan), np.ones((1, 1)))
+    assert np.isnan(nowhere.quantiles_deg((0.5,))).all()
