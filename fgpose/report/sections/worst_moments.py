@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import camera_medians, known_quantile, sigma_m
+from fgpose.sampling import usual_step_s
 from fgpose.trajectory import Trajectory
 
 _AT_MOST = 5
@@ -19,6 +20,7 @@ _APART, _APART_S, _APART_OF_SHORT = 1 / 20, 1.0, 1 / 8
 # The largest of two kinds that are nearer than this are one moment.
 _SAME_S = 0.1
 _OF_CAMERA = "errors of a camera"
+_MISSING_STEPS = 1.5  # of the usual length: in a longer one frames are missing
 # What else is so many times what it seldom exceeds is said of a moment, too.
 _ALSO = 1.5
 
@@ -163,7 +165,7 @@ def _ratios(trajectory: Trajectory) -> dict[str, Float[np.ndarray, "frame part"]
     return {
         "sigma": _ratio(sigma_m(trajectory)),
         "reprojection error": _ratio(_error_px(trajectory)),
-        "change of velocity": _ratio(_change_m(trajectory)),
+        "change of velocity": _ratio(_change_mps(trajectory)),
         _OF_CAMERA: _camera_ratio(trajectory),
     }
 
@@ -204,11 +206,15 @@ def _error_px(trajectory: Trajectory) -> Float[np.ndarray, "frame joint"]:
     return np.where(np.isfinite(largest_px), largest_px, np.nan)
 
 
-def _change_m(trajectory: Trajectory) -> Float[np.ndarray, "frame joint"]:
-    change_m = np.full(trajectory.status.shape, np.nan)
+def _change_mps(trajectory: Trajectory) -> Float[np.ndarray, "frame joint"]:
+    """NaN beside frames that are missing: nobody knows when the velocity changed."""
+    change_mps = np.full(trajectory.status.shape, np.nan)
     if trajectory.n_frames > 2:
-        change_m[1:-1] = np.linalg.norm(np.diff(trajectory.positions_m, 2, axis=0), axis=-1)
-    return change_m
+        step_s = np.diff(trajectory.time_s)[:, None, None]
+        velocity_mps = np.diff(trajectory.positions_m, axis=0) / step_s
+        velocity_mps = np.where(step_s < _MISSING_STEPS * usual_step_s(trajectory.time_s), velocity_mps, np.nan)
+        change_mps[1:-1] = np.linalg.norm(np.diff(velocity_mps, axis=0), axis=-1)
+    return change_mps
 
 
 def _n_worst(trajectory: Trajectory) -> int:

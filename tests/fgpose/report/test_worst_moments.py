@@ -86,6 +86,15 @@ def test_a_jump_is_a_worst_moment(walk: FinishedRecording) -> None:
     assert worst.reason.startswith("change of velocity of ")
 
 
+def test_frames_that_are_missing_are_no_change_of_velocity(walk: FinishedRecording) -> None:
+    over_time = ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility")
+    arrays: dict[str, Any] = {
+        name: np.delete(np.array(getattr(walk.main, name)), slice(150, 165), axis=0) for name in over_time
+    }
+    gap = FinishedRecording("gap", {0: replace(walk.main, **arrays)}, walk.rig)
+    assert not [moment for moment in worst_moments(gap) if 145 <= moment.frame <= 155]
+
+
 def test_the_largest_of_each_kind_is_there_in_short_recordings_too(walk: FinishedRecording) -> None:
     planted = with_errors(walk, slice(20, 21), 0, 54.0)
     over_time = ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility")
