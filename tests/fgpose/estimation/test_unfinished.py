@@ -57,6 +57,17 @@ def test_a_killed_run_goes_on_with_the_same_result(walking_scene: Scene, tmp_pat
     assert same(again, whole)
 
 
+def test_a_window_that_a_power_cut_damaged_is_solved_again(walking_scene: Scene, tmp_path: Path) -> None:
+    whole, told = run(walking_scene, None)
+    with pytest.raises(Killed):
+        run(walking_scene, tmp_path, last=2)
+    first, _ = sorted(tmp_path.rglob("*.npz"))
+    first.write_bytes(b"")
+    again, told_again = run(walking_scene, tmp_path)
+    assert told_again == told
+    assert same(again, whole)
+
+
 def test_other_settings_or_input_begin_anew(walking_scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(Killed):
         run(walking_scene, tmp_path, last=1)
