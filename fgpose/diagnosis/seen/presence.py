@@ -95,20 +95,19 @@ def _alone(time_s: Float[np.ndarray, " frame"], n_cameras: Int[np.ndarray, " fra
 
 
 def _intervals(time_s: Float[np.ndarray, " frame"], chosen: Bool[np.ndarray, " frame"]) -> tuple[list[Interval], float]:
-    """Of at least a second, and their share of the recording; none if it is small."""
+    """All, and their share of the recording; none if those of at least a second have a small one."""
     step_s = usual_step_s(time_s) if len(time_s) > 1 else 0.0
     found = [(float(time_s[a]), float(time_s[b - 1] + step_s)) for a, b in stretches(chosen)]
-    found = [(a, b) for a, b in found if b - a >= _LEAST_S]
-    duration_s = float(time_s[-1] - time_s[0]) + step_s
-    share = sum(b - a for a, b in found) / max(duration_s, 1e-9)
-    return (found, share) if share > _LEAST_SHARE else ([], 0.0)
+    duration_s = max(float(time_s[-1] - time_s[0]) + step_s, 1e-9)
+    lasting_s, total_s = (sum(b - a for a, b in found if b - a >= least_s) for least_s in (_LEAST_S, 0.0))
+    return (found, total_s / duration_s) if lasting_s > _LEAST_SHARE * duration_s else ([], 0.0)
 
 
 def _listed(intervals: list[Interval]) -> str:
     longest = sorted(sorted(intervals, key=lambda each: each[0] - each[1])[:_AT_MOST])
     more = len(intervals) - len(longest)
     listed = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in longest)
-    return listed + (f" and {more} shorter ones" if more else "")
+    return listed + (f" and {more} shorter one{'s' * (more > 1)}" if more else "")
 
 
 def blind(examined: Examined) -> list[Finding]:

@@ -84,6 +84,12 @@ def test_when_nobody_is_there(seen, rig) -> None:
     assert finding.numbers["share"] == pytest.approx(0.4)
 
 
+def test_stretches_without_anybody_of_less_than_a_second_count_too(seen, rig) -> None:
+    (finding,) = nobody(Examined.of(without(without(seen, slice(30, 90)), slice(100, 115)), rig))
+    assert finding.numbers["share"] == pytest.approx(75 / seen.n_frames, abs=1e-6)
+    assert finding.reason.endswith("in 50 % of the time: 1.0 to 3.0 s, 3.3 to 3.8 s")
+
+
 def test_when_one_camera_is_alone(seen, rig) -> None:
     (finding,) = nobody(Examined.of(without(seen, slice(75, None), slice(1, None)), rig))
     assert (finding.code, finding.severity) == (Code.FEW_CAMERAS, Severity.DOUBTFUL)
