@@ -15,12 +15,17 @@ from fgpose.io.trajectories import load_origin
 
 # The header of a TRC, the parameters of a C3D and, behind its layout, the name of a recording in Rerun are in these.
 _HEAD_BYTES = 4 << 20
-_SAID = re.compile(rb"made by fgpose ([a-z]+)")
+_SAID = re.compile(rb'made by fgpose ([a-z]+)(?: from "([^"]+)")?')
 _DETECT = "detect"
 
 
 def made_by(path: Path) -> str:
     """The command, without fgpose; empty where the file does not say it, is damaged, or is of another program."""
+    return _maker(path)[0]
+
+
+def _maker(path: Path) -> tuple[str, str]:
+    """The command and, if that is known, the path of the recording."""
     try:
         match path.suffix.lower():
             case ".parquet":
@@ -28,26 +33,34 @@ def made_by(path: Path) -> str:
             case ".npz":
                 return _of_archive(path)
             case ".toml":
-                return load_calibration_origin(path).step
+                return load_calibration_origin(path).step, ""
     except (ValueError, OSError):
-        return ""
-    found = _SAID.search(first_bytes(path, _HEAD_BYTES))
-    return found[1].decode() if found else ""
+        return "", ""
+    return _said(first_bytes(path, _HEAD_BYTES), path)
 
 
-def _of_table(path: Path) -> str:
+def _said(content: bytes, path: Path) -> tuple[str, str]:
+    found = _SAID.search(content)
+    if found is None:
+        return "", ""
+    recording = (found[2] or b"").decode(errors="replace")
+    return found[1].decode(), os.path.normpath(path.parent / recording) if recording else ""
+
+
+def _of_table(path: Path) -> tuple[str, str]:
     origin = load_origin(path)
     if origin is not None:
         # Before there was a step, there was the command.
-        return origin.step or (re.findall(r"^fgpose ([a-z]+)", origin.command) or [""])[0]
-    return _DETECT if {"camera", "joint", "x_px"} <= column_names(path) else ""
+        step = origin.step or (re.findall(r"^fgpose ([a-z]+)", origin.command) or [""])[0]
+        return step, origin.recording
+    return _DETECT if {"camera", "joint", "x_px"} <= column_names(path) else "", ""
 
 
-def _of_archive(path: Path) -> str:
+def _of_archive(path: Path) -> tuple[str, str]:
     names = array_names(path)
     if "made_by" in names:
-        return text(read_arrays(path, {"made_by"}), "made_by")
-    return _DETECT if "points2d_px" in names else load_calibration_origin(path).step
+        return _said(b"made by fgpose " + text(read_arrays(path, {"made_by"}), "made_by").encode(), path)
+    return _DETECT if "points2d_px" in names else load_calibration_origin(path).step, ""
 
 
 def refuse_others(paths: Iterable[Path], step: str, source: Path | None = None, remedy: str = "") -> None:
@@ -60,25 +73,21 @@ def refuse_others(paths: Iterable[Path], step: str, source: Path | None = None, 
         source: what it is made from.
         remedy: how another name is given.
     """
-    there = {path: made_by(path) for path in paths if path.is_file()}
-    known = [maker for maker in there.values() if maker]
-    for path, own in there.items():
+    paths = list(paths)
+    there = {path: _maker(path) for path in paths if path.is_file()}
+    known = [maker for maker, _ in there.values() if maker]
+    for path, (own, recording) in there.items():
         maker = own or (known[0] if known else "")
         what = f"fgpose {maker} made it" if maker else "it does not say what made it"
         if maker != step:
             raise ValueError(f"{path} is there already, and {what}: fgpose {step} does not replace it; {remedy}")
-        other = None if source is None or path.suffix != ".parquet" else _other_source(path, source)
-        if other:
-            raise ValueError(f"{path} is there already, made from another recording, {other}; {remedy}")
+        _refuse_another(path, recording, source, remedy)
+    # One name in one folder is of one recording.
+    for table in {path.with_suffix(".parquet") for path in paths} - there.keys():
+        maker, recording = _maker(table) if table.is_file() else ("", "")
+        _refuse_another(table, recording if maker == step else "", source, remedy)
 
 
-def _other_source(path: Path, source: Path) -> str:
-    """The recording that a result is from, if that is another."""
-    try:
-        origin = load_origin(path)
-    except (ValueError, OSError):
-        return ""
-    files = [] if origin is None else [origin.input_file(what) for what in ("Keypoints", "Videos")]
-    paths = [file.path for file in files if file is not None]
-    same = not paths or any(os.path.realpath(each) == os.path.realpath(source) for each in paths)
-    return "" if same else paths[0]
+def _refuse_another(path: Path, recording: str, source: Path | None, remedy: str) -> None:
+    if source is not None and recording and os.path.realpath(recording) != os.path.realpath(source):
+        raise ValueError(f"{path} is there already, made from another recording, {recording}; {remedy}")

@@ -22,6 +22,7 @@ from fgpose.io.names import files_below
 
 _VERSION = 1
 """Raised when a field changes its meaning. One of another version is not read, the result is."""
+_LONGEST_PATH = 200  # a parameter of a C3D has 255 characters
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,18 @@ class Origin:
     def input_file(self, what: str) -> InputFile | None:
         """The first of a kind."""
         return next((each for each in self.inputs if each.what == what), None)
+
+    @property
+    def recording(self) -> str:
+        """Path of the keypoints or else the videos; empty if there are none."""
+        seen = self.input_file("Keypoints") or self.input_file("Videos")
+        return "" if seen is None else seen.path
+
+    def maker(self, folder: Path) -> str:
+        """For files in this folder that hold a line alone: the command and the recording, as far as they are known."""
+        path = _relative(self.recording, folder) if self.recording else ""
+        is_short = 0 < len(path) <= _LONGEST_PATH and path.isprintable() and '"' not in path
+        return f'{self.step} from "{path}"' if self.step and is_short else self.step
 
 
 def input_file(what: str, path: Path) -> InputFile:

@@ -40,6 +40,7 @@ def write_result(path: Path, origin: Origin = SMOOTHED) -> None:
     if path.suffix == ".rrd":
         open_recording(path, ring_rig(), STICK, made_by=origin.step).close()
     else:
+        path.parent.mkdir(exist_ok=True)
         save_trajectory(trajectory(), path, origin=origin)
 
 
@@ -73,13 +74,32 @@ def test_files_of_earlier_versions_say_the_command(tmp_path: Path):
     assert made_by(tmp_path / "walk.parquet") == "track"
 
 
-def test_a_result_of_another_recording_stays(tmp_path: Path):
-    seen, others = tmp_path / "a" / "pose", tmp_path / "b" / "pose"
+@pytest.mark.parametrize("extension", ["parquet", "npz", "trc", "c3d"])
+def test_a_result_of_another_recording_stays(tmp_path: Path, extension: str):
+    seen, others = tmp_path / "a" / "pose of Jörg", tmp_path / "b" / "pose of Jörg"
     origin = Origin((InputFile("Keypoints", str(seen), 0),), step="smooth")
+    write_result(tmp_path / "out" / f"walk.{extension}", origin)
+    outputs(tmp_path / "out", "smooth", source=seen).check(("smoothed",))
+    with pytest.raises(ValueError, match=r"made from another recording, .*a.pose of Jörg"):
+        outputs(tmp_path / "out", "smooth", source=others).check(("smoothed",))
+    # Where both have moved, they still belong together.
+    (tmp_path / "out").rename(tmp_path / "moved")
+    outputs(tmp_path / "moved", "smooth", source=seen).check(("smoothed",))
+
+
+def test_one_name_is_of_one_recording(tmp_path: Path):
+    """Other formats do not come to lie beside the table of another recording."""
+    origin = Origin((InputFile("Keypoints", str(tmp_path / "a" / "pose"), 0),), step="smooth")
     write_result(tmp_path / "walk.parquet", origin)
-    outputs(tmp_path, "smooth", source=seen).check(("smoothed",))
-    with pytest.raises(ValueError, match=rf"made from another recording, {seen}"):
-        outputs(tmp_path, "smooth", source=others).check(("smoothed",))
+    with pytest.raises(ValueError, match=r"walk\.parquet is there already, made from another recording"):
+        outputs(tmp_path, "smooth", ("npz", "trc"), source=tmp_path / "b" / "pose").check(("smoothed",))
+    outputs(tmp_path, "smooth", ("npz", "trc"), source=tmp_path / "a" / "pose").check(("smoothed",))
+
+
+def test_a_path_that_no_line_can_hold_is_left_out(tmp_path: Path):
+    for name in ("x" * 250, 'a "quoted" one', "two\nlines"):
+        origin = Origin((InputFile("Keypoints", str(tmp_path / name), 0),), step="smooth")
+        assert origin.maker(tmp_path) == "smooth"
 
 
 @pytest.mark.parametrize("extension", [".toml", ".npz"])

@@ -75,7 +75,7 @@ def _write(
     world_up: UpChoice | WorldUp,
     origin: Origin | None,
 ) -> tuple[Path, ...]:
-    extension, made_by = _extension(path), "" if origin is None else origin.step
+    extension, made_by = _extension(path), "" if origin is None else origin.maker(path.parent)
     if extension == ".parquet":
         write_parquet(people, frames, path, origin)
         return (path,)
