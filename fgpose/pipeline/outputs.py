@@ -20,7 +20,7 @@ from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
 from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable, not_written
-from fgpose.io.made_by import refuse_others
+from fgpose.io.made_by import made_by, refuse_others
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, people_paths, save_people
 from fgpose.io.trajectories.upright import resolved_up
@@ -262,9 +262,17 @@ def write_outputs(
         path: partial(save_people, of_path, path, outputs.world_up, time_s, origin) for path, of_path in people.items()
     }
     written = write_all(writers | _viewer_writers(result, outputs, viewer, display))
-    return tuple(
-        path for target in written for path in (people_paths(target, people[target]) if target in people else [target])
-    )
+    files = {target: people_paths(target, people[target]) if target in people else [target] for target in written}
+    for target in people.keys() & files.keys():
+        _remove_earlier(target, files[target], outputs.step)
+    return tuple(file for target in written for file in files[target])
+
+
+def _remove_earlier(path: Path, files: Collection[Path], step: str) -> None:
+    """Files of people that an earlier run of the same step found beside the files that were written now."""
+    for earlier in {path, *_of_single_people(path)} - set(files):
+        if step and earlier.is_file() and made_by(earlier) == step:
+            earlier.unlink()
 
 
 def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path, ...]:

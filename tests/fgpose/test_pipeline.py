@@ -30,7 +30,7 @@ from fgpose.io.content import read_content
 from fgpose.io.keypoints import detections, save_observations
 from fgpose.io.origin import Origin
 from fgpose.io.recordings import load_recording
-from fgpose.io.trajectories import load_trajectory
+from fgpose.io.trajectories import load_trajectory, save_people
 from fgpose.observations import Observations
 from fgpose.pipeline import (
     Outputs,
@@ -148,6 +148,16 @@ def test_a_name_that_hides_results_or_puts_them_elsewhere_is_refused(name: str, 
 def test_several_trajectories_have_files_of_their_own(tmp_path: Path, tracked: Result) -> None:
     written = write_outputs(tracked, Outputs(tmp_path, "walk", ("npz",)))
     assert {path.name for path in written} == {"walk_online.npz", "walk_smoothed.npz"}
+
+
+def test_people_that_an_earlier_run_found_do_not_stay_beside_a_result(tmp_path: Path, smoothed: Result) -> None:
+    (walker,) = smoothed.main.values()
+    earlier, of_others = tmp_path / "walk.trc", tmp_path / "walk_person7.trc"
+    save_people({0: walker, 1: walker}, earlier, origin=Origin(step="smooth"))
+    of_others.write_text("somebody's own")
+    outputs = Outputs(tmp_path, "walk", ("trc",), step="smooth")
+    assert write_outputs(smoothed, outputs) == (earlier,)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["walk.trc", "walk_person7.trc"]
 
 
 def test_a_recording_is_gathered_once(source: Source[Observations], monkeypatch: pytest.MonkeyPatch) -> None:
