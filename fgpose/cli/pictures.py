@@ -7,13 +7,15 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from fgpose.cli.console import progress_bar
 from fgpose.correspondences import NO_IMAGE
-from fgpose.sampling import nearest
+from fgpose.geometry.changing_rig import later_s
+from fgpose.sampling import TIME_ROUNDING_S, nearest, stretches, usual_step_s
 
 if TYPE_CHECKING:
+    from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.clips import Clip
     from fgpose.monocular.detected import Detected
     from fgpose.monocular.sources import Sources
@@ -21,13 +23,24 @@ if TYPE_CHECKING:
     from fgpose.viewer import CalibrationRecording
     from fgpose.viewer.recording import Session
 
-# An image belongs to a frame of the walk if it is the nearest and no further away than this share of the usual step.
+# An image belongs to a frame if it is the nearest and no further away than this share of the usual step.
 _REACH = 0.6
 
 
-def show_images(detected: Detected, time_s: Float[np.ndarray, " frame"], recording: Session) -> None:
-    """Show the images of every camera, each in its frame; the videos are decoded again."""
-    show_matched_images(detected.sources, detected.frames.image[: len(time_s)], time_s, recording)
+def show_images(detected: Detected, rig: CameraRig, time_s: Float[np.ndarray, " frame"], recording: Session) -> None:
+    """Show the images of every camera, each in its frame; the videos are decoded again.
+
+    Args:
+        detected: in the videos.
+        rig: as of Origin: with the clocks that were found.
+        time_s: of the frames, by these clocks.
+        recording: where they are shown.
+    """
+    taken_s, cameras = [], rig.subset(detected.rig.names).cameras
+    for camera, clip, view in zip(cameras, detected.sources.clips, detected.views, strict=True):
+        stamp_s = clip.times_s(view.stamps_s) - clip.begin_s
+        taken_s.append(stamp_s + later_s(camera, stamp_s))
+    show_matched_images(detected.sources, _in_nearest_frames(taken_s, time_s), time_s, recording)
 
 
 def show_matched_images(
@@ -41,6 +54,8 @@ def show_matched_images(
         return
     with progress_bar("adding images", "images") as progress:
         for c, (name, clip) in enumerate(zip(sources.rig.names, sources.clips, strict=True)):
+            for frame in _gone(image[:, c] != NO_IMAGE, time_s):
+                recording.log_no_image(name, frame, float(time_s[frame]))
             frame_of = {number: frame for frame, number in enumerate(image[:, c].tolist()) if number != NO_IMAGE}
             for picture in islice(clip.pictures(), max(frame_of, default=-1) + 1):
                 frame = frame_of.get(picture.number)
@@ -48,6 +63,17 @@ def show_matched_images(
                     recording.log_image(name, frame, float(time_s[frame]), picture.image)
                 progress(c * len(image) + (frame or 0), image.size)
         progress(image.size, image.size)
+
+
+def _gone(has_image: Bool[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]) -> list[int]:
+    """The frames from which on a camera has no image for longer than from one to its next."""
+    shown_s = time_s[has_image]
+    if len(shown_s) < 2:
+        return []
+    last = np.maximum.accumulate(np.where(has_image, np.arange(len(time_s)), -1))
+    patience_s = usual_step_s(shown_s) + usual_step_s(time_s) - TIME_ROUNDING_S
+    is_gone = (last >= 0) & (time_s - time_s[last] >= patience_s)
+    return [first for first, _ in stretches(is_gone)]
 
 
 def show_walk_images(detected: Detected, seen: SeenWalk, recording: CalibrationRecording) -> None:
@@ -75,6 +101,18 @@ def show_board_images(
     show_matched_images(Sources(seen.rig, tuple(clips)), image, seen.walk.time_s, recording)
 
 
+def _in_nearest_frames(
+    taken_s: Sequence[Float[np.ndarray, " _"]], time_s: Float[np.ndarray, " frame"]
+) -> Int[np.ndarray, "frame camera"]:
+    """The image of each camera that belongs to each frame: each belongs to the nearest; NO_IMAGE: there is none."""
+    image = np.full((len(time_s), len(taken_s)), NO_IMAGE)
+    for c, own_s in enumerate(taken_s):
+        frame = nearest(own_s, time_s)
+        is_near = np.abs(time_s[frame] - own_s) <= _REACH * usual_step_s(time_s)
+        image[frame[is_near], c] = np.flatnonzero(is_near)
+    return image
+
+
 def _nearest_images(
     taken_s: Sequence[Float[np.ndarray, " _"]], time_s: Float[np.ndarray, " frame"]
 ) -> Int[np.ndarray, "frame camera"]:
@@ -82,6 +120,6 @@ def _nearest_images(
     image = np.full((len(time_s), len(taken_s)), NO_IMAGE)
     for c, own_s in enumerate(taken_s):
         number = nearest(time_s, own_s)
-        is_near = np.abs(own_s[number] - time_s) <= _REACH * float(np.median(np.diff(own_s)))
+        is_near = np.abs(own_s[number] - time_s) <= _REACH * usual_step_s(own_s)
         image[is_near, c] = number[is_near]
     return image

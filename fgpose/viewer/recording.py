@@ -53,6 +53,10 @@ class Session:
             OSError: the disk is full, or so slow that pictures would pile up in memory.
         """
 
+    def log_no_image(self, camera: str, frame: int, time_s: float) -> None:
+        """Show no picture of a camera from a frame on: the last one would stay under the points of all later frames.
+        Arguments as of log_image."""
+
     def flush(self) -> None:
         """Bring what was logged into the file. Raises OSError if that is not possible."""
 

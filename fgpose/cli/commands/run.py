@@ -107,8 +107,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
 
         def show_all(result: Result, recording: Recording) -> None:
             show(result, recording)
-            if self.images:
-                show_images(detected, result.source.observations.frame_time_s, recording)
+            if self.images and result.origin is not None and result.origin.rig is not None:
+                show_images(detected, result.origin.rig, result.frame_time_s, recording)
 
         with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:

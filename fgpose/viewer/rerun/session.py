@@ -130,14 +130,13 @@ class RerunSession(Session):
             self._shown.add(camera)
         jpeg = pictures.jpeg(image)
         if pictures.full:
-            self._take_picture_away(camera, frame, time_s)
+            self.log_no_image(camera, frame, time_s)
         else:
             set_times(self._open_stream, frame, time_s, self.time_kind)
             self._open_stream.log(paths.picture(camera), rr.EncodedImage(contents=jpeg, media_type=_JPEG))
             self._count(len(jpeg))
 
-    def _take_picture_away(self, camera: str, frame: int, time_s: float) -> None:
-        """Otherwise the last picture would stay under the points of all later frames."""
+    def log_no_image(self, camera: str, frame: int, time_s: float) -> None:
         set_times(self._open_stream, frame, time_s, self.time_kind)
         # Rerun 0.41 goes on showing a picture after a Clear.
         self._open_stream.log(paths.picture(camera), rr.EncodedImage.from_fields(clear_unset=True))

@@ -76,7 +76,7 @@ class RerunSystemRecording(RerunRecording, SystemRecording):
         self._send(_system_rows(moment, changed, self._said), np.array([moment.time_s]), frame)
         self._end_pictures(frame, moment)
         for name in silent:
-            self._take_picture_away(name, frame, moment.time_s)
+            self.log_no_image(name, frame, moment.time_s)
         self._said |= moment.cameras
         for name, picture in moment.pictures.items():
             if not self._is_silent(name):
@@ -98,7 +98,7 @@ class RerunSystemRecording(RerunRecording, SystemRecording):
         for name in self._pictured.keys() - self._pictured_s.keys():
             rows = absent_rows(self._pictured.pop(name) - here, name)
             self._send(rows, np.array([moment.time_s]), frame)
-            self._take_picture_away(name, frame, moment.time_s)
+            self.log_no_image(name, frame, moment.time_s)
 
     def _send(
         self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"], first_frame: int = 0, step: int = 1
