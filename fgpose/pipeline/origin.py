@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -18,7 +19,7 @@ from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import after, in_pieces, is_changing, put_together
 from fgpose.io.calibration import load_calibration_origin
-from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason, input_file
+from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason, input_file, size_bytes
 from fgpose.monocular.clips import Clip
 
 
@@ -40,6 +41,17 @@ def video_files(clips: Sequence[Clip]) -> tuple[InputFile, ...]:
         replace(input_file("Video", clip.path), camera=clip.name, image_px=clip.size_px, rate_hz=clip.fps)
         for clip in clips
     )
+
+
+def warn_of_other_videos(origin: Origin | None, clips: Sequence[Clip]) -> None:
+    """Warn (UserWarning) where the videos of cameras are of another size than those that a result was made from.
+    Raises OSError if one cannot be seen."""
+    known = {} if origin is None else {each.camera: each for each in origin.inputs if each.what == "Video"}
+    made_from = [(clip, known[clip.name]) for clip in clips if clip.name in known]
+    others = [str(clip.path) for clip, file in made_from if size_bytes(clip.path) != file.size_bytes]
+    if others:
+        which = f"{others[0]} is not the file" + (f", and {len(others) - 1} more are not those," if others[1:] else "")
+        warnings.warn(f"{which} that the result was made from: is it of the same recording?", stacklevel=2)
 
 
 def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any]) -> Origin:

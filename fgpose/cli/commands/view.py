@@ -21,6 +21,7 @@ from fgpose.sampling import TimeRange
 
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
+    from fgpose.io.origin import Origin
     from fgpose.trajectory import Trajectory
 
 _RRD_START = b"RRF"
@@ -175,20 +176,23 @@ class Overlay(CameraChoice):
     """What is up in the world of the result, or of its cameras: +x, -x, +y, -y, +z or -z."""
 
     def run(self) -> None:
-        from fgpose.io.trajectories import load_upright
+        from fgpose.io.trajectories import load_origin, load_upright
         from fgpose.monocular.sources import open_sources
         from fgpose.overlay.drawing import Drawing
         from fgpose.overlay.film import check_films, film_of_all, film_of_each, shown
+        from fgpose.pipeline.origin import warn_of_other_videos
 
         check_films()
         if self.width_px is not None and self.width_px < 2:
             raise ValueError(f"--width must be 2 px at least, got {self.width_px}")
         wanted = _time_range(self.from_s, self.to_s)
-        rig = self._rig()
+        origin = load_origin(self.file)
+        rig = self._rig(origin)
         people, up_R_world = load_upright(self.file, self.world_up, rig)
         # A result may be of some of the cameras that filmed.
         cameras = self.cameras or (rig.names if self.rig is None else ())
         sources = open_sources(self.videos, rig.turned(up_R_world), fps=self.fps, cameras=cameras)
+        warn_of_other_videos(origin, sources.clips)
         paths = [self.output.with_stem(f"{self.output.stem}_{name}") for name in sources.rig.names]
         paths = paths if self.each else [self.output]
         for path in paths:
@@ -203,13 +207,11 @@ class Overlay(CameraChoice):
                 film_of_all(views, self.output, drawing, wanted, self.width_px or _GRID_WIDTH_PX, progress)
         print_written(new_console(), *paths)
 
-    def _rig(self) -> CameraRig:
+    def _rig(self, origin: Origin | None) -> CameraRig:
         from fgpose.io.calibration import load_rig
-        from fgpose.io.trajectories import load_origin
 
         if self.rig is not None:
             return load_rig(self.rig, unit=self.unit)
-        origin = load_origin(self.file)
         if origin is None or origin.rig is None:
             raise ValueError(f"{self.file} does not hold the calibration of its cameras; give it with --rig")
         return origin.rig

@@ -14,8 +14,11 @@ from jaxtyping import UInt8
 import fgpose
 from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
+from fgpose.io.origin import Origin
+from fgpose.monocular.sources import open_sources
 from fgpose.overlay.drawing import Drawing, Pose
 from fgpose.overlay.moments import Moments
+from fgpose.pipeline.origin import video_files
 from fgpose.trajectory import Status
 from fgpose.viewer.rerun.palette import person_colour
 
@@ -88,6 +91,22 @@ def test_all_cameras_are_in_one_film_at_the_rate_of_the_fastest(
     # That which has begun late is black until then.
     assert images[1][:300, 500:].max() < 40
     assert images[6][:300, 500:].max() > 150
+
+
+@pytest.mark.usefixtures("recorded")
+@pytest.mark.filterwarnings("default")
+def test_videos_of_another_recording_are_told(
+    squares: SquaresScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sources = open_sources(tmp_path / "walk", squares.rig)
+    origin = Origin(rig=squares.rig).with_inputs(*video_files(sources.clips))
+    fgpose.save_trajectory(trajectory(squares, 20), tmp_path / "pose.parquet", origin=origin)
+    overlay = [str(tmp_path / "pose.parquet"), str(tmp_path / "walk"), "-o", str(tmp_path / "film.mp4"), "--to", "0.1"]
+    assert main(["overlay", *overlay]) == 0
+    assert "is not the file" not in capsys.readouterr().err
+    squares.write_video(tmp_path / "walk" / "ring_1.mp4", 1, 12, FPS)
+    assert main(["overlay", *overlay]) == 0
+    assert "ring_1.mp4 is not the file that the result was made from" in capsys.readouterr().err
 
 
 def test_what_is_predicted_is_hollow_and_the_ellipse_holds_95_percent(squares: SquaresScene) -> None:
