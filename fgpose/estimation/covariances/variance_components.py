@@ -55,9 +55,10 @@ class ErrorComponents:
 
     @staticmethod
     def usual(joints: Sequence[str]) -> ErrorComponents:
-        """Before anything is known: correlated as usual, with the variance of the graph. The spread that it takes is
-        learned from residuals, which are smaller online, where fewer frames contradict each other."""
-        usual, n_joints = 1 / _usual().sum() * _usual(), len(joints)
+        """Before anything is known: correlated as usual, with the variance of the graph, as if the fewest degrees of
+        freedom had told it. The spread that it takes is learned from residuals, which are smaller online, where fewer
+        frames contradict each other."""
+        usual, n_joints = _of_student(_LEAST_TOTAL_FREEDOM) / _usual().sum() * _usual(), len(joints)
         # As two cameras of one height know them.
         axes = 1 + np.stack([2 * _usual_difference(joints), np.zeros(n_joints)], axis=1)
         return ErrorComponents(np.tile(usual, (n_joints, 1)), np.eye(n_joints), axes)
@@ -87,9 +88,8 @@ class ErrorComponents:
             ]
         )
         share = (freedom / (freedom + prior))[:, None]
-        # With so many degrees of freedom errors follow Student's t, whose variance is larger.
         total = np.maximum(freedom + prior, _LEAST_TOTAL_FREEDOM)[:, None]
-        variances = total / (total - 2) * (share * own + (1 - share) * of_all)
+        variances = _of_student(total) * (share * own + (1 - share) * of_all)
         frames_as_one = max(products.later_dimensions[0].sum() / max(freedom.sum(), 1e-12), 1.0)
         correlation = _shrunk(products.correlation, products.others_dimensions / frames_as_one)
         usual = _usual_difference(joints) if joints else np.zeros(len(ratio))
@@ -119,6 +119,11 @@ def correlation_after(time_s: float, lags_s: Float[np.ndarray, " lag"]) -> Float
 
 def _usual_difference(joints: Sequence[str]) -> Float[np.ndarray, " joint"]:
     return np.array([_OF_HIPS * any(hip in name for hip in _HIPS) for name in joints])
+
+
+def _of_student(freedom: Float[np.ndarray, "*joints"] | float) -> Float[np.ndarray, "*joints"]:
+    """Variance of errors in the estimate of it from so many degrees of freedom: they follow Student's t."""
+    return np.asarray(freedom / (freedom - 2))
 
 
 def _usual() -> Float[np.ndarray, " component"]:
