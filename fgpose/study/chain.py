@@ -106,16 +106,22 @@ def _calibrates(study: StudyDescription, recording: Trial) -> bool:
     return study.steps.calibrate != "given"
 
 
+def _filming(study: StudyDescription) -> tuple[object, ...]:
+    """What of the data settings changes what is seen in videos."""
+    return study.data.fps, study.data.unit, study.data.cameras
+
+
 def _reading(study: StudyDescription) -> tuple[object, ...]:
+    """What of them changes how keypoints are read, see Job.reading."""
     data = study.data
-    return data.skeleton, data.fps, data.unit, data.points3d_frame, data.points3d_unit, data.cameras
+    return *_filming(study), data.skeleton, data.points3d_frame, data.points3d_unit, data.min_confidence
 
 
 STEPS = (
     ChainStep(
         "detect",
         detect,
-        lambda s: (s.detect, s.steps.calibrate, s.steps.synchronise, s.from_people, _reading(s)),
+        lambda s: (s.detect, s.steps.calibrate, s.steps.synchronise, s.from_people, _filming(s)),
         _detects,
     ),
     ChainStep(
