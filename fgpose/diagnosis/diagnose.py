@@ -13,7 +13,7 @@ from fgpose.diagnosis.body.hands import exchanged_hands
 from fgpose.diagnosis.body.sides import mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
 from fgpose.diagnosis.body.tempo import slow_motion
-from fgpose.diagnosis.body.world import wrong_unit, wrong_up
+from fgpose.diagnosis.body.world import wrong_given_up, wrong_unit, wrong_up
 from fgpose.diagnosis.camera_checks import (
     blind_cameras,
     calibration_findings,
@@ -88,6 +88,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
 """By what they judge, as it is printed."""
 
 RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
+    wrong_given_up,
     not_converged,
     other_bones,
     few_cameras,

@@ -16,6 +16,7 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding
 from fgpose.estimation.evidence.delays import image_motion_px
 from fgpose.finding import Finding
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import WorldUp
 from fgpose.observations import Observations
 from fgpose.trajectory import Trajectory
 
@@ -56,6 +57,8 @@ class FinishedRecording:
     """Of each camera that was calibrated with a board: corners in the parts of its image, in rows from the top."""
     known_findings: tuple[Finding, ...] = ()
     """What was found when it was estimated."""
+    given_up: WorldUp | None = None
+    """What somebody said to be up in the world that it was turned from; None: it was found."""
     estimated: tuple[str, ...] = ()
     """What of the cameras was estimated on the recording before: poses, clocks."""
     events: tuple[TrackEvent, ...] = ()

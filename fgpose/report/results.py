@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.finding import Code, Finding
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import in_pieces, is_changing
-from fgpose.geometry.up_axis import UpChoice
+from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, load_rig
 from fgpose.io.made_by import made_by
 from fgpose.io.names import not_hidden
@@ -146,6 +147,7 @@ def load_finished(
     rig_file, given, known = _calibration(result, rig, origin)
     people, up_R_world, axes = _upright(result, world_up, given)
     given = None if given is None else given.turned(up_R_world)
+    given_up = None if world_up == "auto" else world_up
     cameras = None if given is None else _rig_of(rig_file or result, given, next(iter(people.values())))
     known = known.subset(cameras.names) if cameras is not None else known
     origin = replace(origin, calibration=known)
@@ -167,7 +169,8 @@ def load_finished(
             findings=findings_of(origin),
             calibrated=known.method,
             board_coverage=known.coverage,
-            known_findings=origin.findings,
+            known_findings=_still_true(origin.findings, given_up),
+            given_up=given_up,
             estimated=origin.estimated,
             events=origin.events,
             videos=videos or _videos(origin, cameras),
@@ -224,6 +227,11 @@ def _upright(
     rows = ", ".join(" ".join(f"{value:.3g}" for value in row) for row in (up_R_world + 0.0).tolist())
     turned = f"the world of this report is that of the result, turned by the rotation ({rows}) so that z is up"
     return people, up_R_world, f"{said}; {turned}" if said else turned
+
+
+def _still_true(findings: tuple[Finding, ...], given_up: WorldUp | None) -> tuple[Finding, ...]:
+    """What was found when the result was estimated; where the axis that is up is given now, nothing of the one then."""
+    return tuple(each for each in findings if given_up is None or each.code is not Code.WORLD_UP)
 
 
 def _named(**files: Path | str | None) -> dict[str, str]:

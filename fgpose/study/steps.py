@@ -207,7 +207,8 @@ def estimate(job: Job) -> None:
     source, config = job.source(), job.study.parameters
     source = replace(source, origin=source.origin and _whole_origin(job, source.origin))
     try:
-        result = diagnosed(run_smooth(_corrected(job, source), config, compare=False), job.study.steps.world_up)
+        # The axis that is up is judged with the result (judge, report): a motion does not depend on it.
+        result = diagnosed(run_smooth(_corrected(job, source), config, compare=False))
         save_people(result.main, job.path(MOTION), time_s=result.frame_time_s, origin=result.origin)
     except ValueError as error:
         raise ValueError(f"{job.recording.source}: {error}") from None

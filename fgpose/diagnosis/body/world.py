@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from fgpose.diagnosis.body.proportions import LEAST_FRAMES, rough_stature_m, stature_m
 from fgpose.diagnosis.examined import Examined, NotJudgedError
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.finding import Code, Finding, Severity
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import WorldUp, z_up_R_world
 from fgpose.kinematics.vertical import find_up, question_up
 from fgpose.trajectory import Status, Trajectory
 
@@ -135,16 +139,13 @@ def _tall(length_m: float) -> str:
 
 def wrong_up(examined: Examined) -> list[Finding]:
     """A world in which another axis than z is up, or another than the one that was given."""
+    if examined.result is not None and examined.result.given_up is not None:
+        return []  # its world was turned as was given; see wrong_given_up
     body_m = examined.body_m
     status = np.where(np.isfinite(body_m).all(axis=-1), Status.OBSERVED, Status.UNOBSERVABLE).astype(np.int8)
     body = Trajectory(examined.main.skeleton, np.arange(len(body_m), dtype=float), body_m, status)
     if examined.world_up != "auto":
-        given = question_up(examined.world_up, [body], examined.rig)
-        if given is None:
-            return []
-        severity, weight = (Severity.DOUBTFUL, 0.4) if given.is_tilt else (Severity.WRONG, 0.8)
-        numbers = {"angle_deg": given.angle_deg}
-        return [Finding(Code.WORLD_UP, severity, given.reason, given.remedy, weight, numbers=numbers)]
+        return _questioned(examined.world_up, [body], examined.rig)
     found = find_up([body], examined.rig)
     if not found.remark:
         return []
@@ -154,3 +155,21 @@ def wrong_up(examined: Examined) -> list[Finding]:
     )
     severity = Severity.DOUBTFUL if found.is_doubtful else Severity.NOTE
     return [Finding(Code.WORLD_UP, severity, found.remark, remedy, 0.3)]
+
+
+def wrong_given_up(recording: FinishedRecording) -> list[Finding]:
+    """A result that was turned by an axis that somebody gave, where bodies and cameras say another."""
+    if recording.given_up is None:
+        return []
+    world_R_up = z_up_R_world(recording.given_up).T
+    people = [each.turned(world_R_up) for each in recording.people.values()]
+    return _questioned(recording.given_up, people, None if recording.rig is None else recording.rig.turned(world_R_up))
+
+
+def _questioned(given: WorldUp, people: Iterable[Trajectory], rig: CameraRig | None) -> list[Finding]:
+    found = question_up(given, people, rig)
+    if found is None:
+        return []
+    severity, weight = (Severity.DOUBTFUL, 0.4) if found.is_tilt else (Severity.WRONG, 0.8)
+    numbers = {"angle_deg": found.angle_deg}
+    return [Finding(Code.WORLD_UP, severity, found.reason, found.remedy, weight, numbers=numbers)]
