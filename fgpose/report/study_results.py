@@ -6,14 +6,15 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording, Mark
 from fgpose.diagnosis.series import root_m
-from fgpose.io.studies.results import STUDY_NAME, check_unlinked
+from fgpose.geometry.up_axis import UpChoice
+from fgpose.io.studies.results import STUDY_NAME, WORLD_UP, check_unlinked
 from fgpose.io.tables import column_names, file_metadata, read_table
 from fgpose.plain_files import naming
 from fgpose.report.plots import gathered, ramp
@@ -43,6 +44,17 @@ def study_name(folder: Path) -> str:
     return file_metadata(folder / TABLE).get(STUDY_NAME) or folder.resolve().name
 
 
+def study_up(folder: Path) -> UpChoice:
+    """What a study says to be up in the worlds of its calibrations; of older ones auto. Raises ValueError if its table
+    is damaged."""
+    said = file_metadata(folder / TABLE).get(WORLD_UP, "auto")
+    if said not in get_args(UpChoice):
+        raise ValueError(
+            f"{folder / TABLE}: the axis that points up is none of {', '.join(get_args(UpChoice))}: {said!r}"
+        )
+    return cast(UpChoice, said)
+
+
 def load_study(
     folder: Path, *, reports: bool = True, page: Path | None = None, progress: Progress | None = None
 ) -> list[StudyRecording]:
@@ -62,10 +74,10 @@ def load_study(
     with naming(folder / TABLE):
         rows: list[dict[str, Any]] = read_table(folder / TABLE).to_pylist()
     base = (page or folder / REPORT).parent
-    marks = _marks(folder / EVENTS)
+    marks, world_up = _marks(folder / EVENTS), study_up(folder)
     found = []
     for n, row in enumerate(rows):
-        found.append(_recording(folder, row, base, marks if reports else None))
+        found.append(_recording(folder, row, base, world_up, marks if reports else None))
         if progress:
             progress(n + 1, len(rows))
     return found
@@ -81,7 +93,9 @@ def _marks(path: Path) -> dict[str, list[Mark]]:
     return found
 
 
-def _recording(folder: Path, row: dict[str, Any], base: Path, marks: Mapping[str, list[Mark]] | None) -> StudyRecording:
+def _recording(
+    folder: Path, row: dict[str, Any], base: Path, world_up: UpChoice, marks: Mapping[str, list[Mark]] | None
+) -> StudyRecording:
     """None in place of marks: no report is written."""
     name = str(row.get("recording") or row.get("source") or "")
     status = str(row.get("status") or "done")
@@ -94,7 +108,7 @@ def _recording(folder: Path, row: dict[str, Any], base: Path, marks: Mapping[str
     picture, failure = "", ""
     if row.get("recording") and motion.is_file() and status == "done":
         try:
-            picture = _shown(motion, report, name, marks)
+            picture = _shown(motion, report, name, world_up, marks)
         except ValueError as error:  # One damaged file does not cost the report of the others.
             status, failure, numbers = "failed", str(error), {}
     return StudyRecording(
@@ -107,10 +121,10 @@ def _recording(folder: Path, row: dict[str, Any], base: Path, marks: Mapping[str
     )
 
 
-def _shown(motion: Path, report: Path, name: str, marks: Mapping[str, list[Mark]] | None) -> str:
+def _shown(motion: Path, report: Path, name: str, world_up: UpChoice, marks: Mapping[str, list[Mark]] | None) -> str:
     """The picture of a recording, whose report is written if it is due."""
     due = marks is not None and not (report.is_file() and report.stat().st_mtime >= motion.stat().st_mtime)
-    recording = load_finished(motion, title=name, observed=due)
+    recording = load_finished(motion, title=name, world_up=world_up, observed=due)
     if marks is not None and due:
         own = sorted(marks.get(name, ()), key=lambda mark: mark.time_s)
         write_report(replace(recording, marks=tuple(own)), report)

@@ -14,7 +14,7 @@ from typing import Any
 from fgpose.io.atomic import check_writable
 from fgpose.io.content import first_bytes
 from fgpose.io.studies.events import Event, read_events
-from fgpose.io.studies.results import STUDY_NAME, check_unlinked, part_path, parts_of, write_rows
+from fgpose.io.studies.results import STUDY_NAME, WORLD_UP, check_unlinked, part_path, parts_of, write_rows
 from fgpose.io.studies.state import RecordingState, load_state
 from fgpose.study.chain import fingerprints
 from fgpose.study.cluster import run, workers
@@ -64,9 +64,10 @@ class Tables:
 
     def write(self) -> Iterator[Path]:
         """The tables of quality. Raises OSError if one cannot be written."""
+        known = {STUDY_NAME: self.study.name, WORLD_UP: self.study.steps.world_up}
         for suffix in (".csv", ".parquet"):
             path = self.study.output / f"{QUALITY}{suffix}"
-            write_rows(self.rows, path, {STUDY_NAME: self.study.name})
+            write_rows(self.rows, path, known)
             yield path
 
     def remove_other_parts(self) -> None:

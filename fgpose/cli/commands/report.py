@@ -48,7 +48,8 @@ class Report:
     videos: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: as the result says)")] = None
     """Videos of the cameras, for pictures of the worst moments."""
     world_up: UpChoice = "auto"
-    """What is up in the world of the calibration: +x, -x, +y, -y, +z or -z; auto: as people and cameras stand."""
+    """What is up in the world of the calibration: +x, -x, +y, -y, +z or -z; auto: as people and cameras stand. A study
+    says it in its file."""
     recordings: bool = True
     """Of a study: also write the report of each recording, where there is none that is newer than its result."""
 
@@ -70,6 +71,8 @@ class Report:
         from fgpose.report import write_study_report
         from fgpose.report.study_results import load_study, study_name
 
+        if self.world_up != "auto":
+            raise ValueError("--world-up: a study says what is up in its file (steps.world_up), also of its tables")
         path = self._path(self.results)
         check_replaceable(path)
         with progress_bar("reporting", "recordings") as progress:

@@ -21,6 +21,8 @@ from fgpose.plain_files import naming
 
 STUDY_NAME = "fgpose.study"
 """Key of the metadata that holds how the study is called."""
+WORLD_UP = "fgpose.world_up"
+"""The same for the axis that points up."""
 # Columns of a camera have its name: they differ between the rigs of a study, and stay with the recording.
 _OF_CAMERAS = ("residual_px_", "visibility_")
 _FINGERPRINT = b"fgpose.fingerprint"

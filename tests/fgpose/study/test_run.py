@@ -93,7 +93,7 @@ def test_what_fails_is_named_and_the_rest_is_done(finished: tuple[Path, StudyRes
 def test_the_table_of_quality(finished: tuple[Path, StudyResult]) -> None:
     _, result = finished
     table = pq.read_table(result.output / "quality.parquet")
-    assert table.schema.metadata == {b"fgpose.study": b"study"}
+    assert table.schema.metadata == {b"fgpose.study": b"study", b"fgpose.world_up": b"auto"}
     rows = {row["recording"]: row for row in table.to_pylist()}
     assert {key: row["status"] for key, row in rows.items()} == {
         "S01/A/run": "done",
