@@ -44,6 +44,8 @@ class Page:
     sections: Sequence[Section]
     figures: Sequence[KeyFigure] = field(default_factory=tuple)
     verdict: Headline | None = None
+    told: str = ""
+    """Digest of what it was told beside its result (report.digest_of_told); empty: of nothing."""
 
 
 def html(page: Page) -> str:

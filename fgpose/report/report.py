@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.finished import FinishedRecording, Mark
+from fgpose.geometry.up_axis import WorldUp
 from fgpose.io.atomic import write_text
 from fgpose.report.page import Headline, KeyFigure, Page, html
 from fgpose.report.quality import Quality, quality
@@ -35,9 +38,17 @@ def write_report(recording: FinishedRecording, path: str | Path) -> Quality:
         sections=sections(recording),
         figures=figures(judged),
         verdict=verdict(judged),
+        told=digest_of_told(recording.marks, recording.given_up),
     )
     write_text(Path(path), html(page))
     return judged
+
+
+def digest_of_told(marks: Sequence[Mark], given_up: WorldUp | None) -> str:
+    """By which a page tells whether it is still right: of the events of its recording, and of the axis that is up if it
+    was given."""
+    told = [(mark.time_s, mark.name) for mark in marks], given_up
+    return hashlib.blake2b(repr(told).encode(), digest_size=16).hexdigest()
 
 
 def _made(judged: Quality) -> str:

@@ -147,7 +147,7 @@ def load_finished(
     rig_file, given, known = _calibration(result, rig, origin)
     people, up_R_world, axes = _upright(result, world_up, given)
     given = None if given is None else given.turned(up_R_world)
-    given_up = None if world_up == "auto" else world_up
+    given_up = said_up(world_up)
     cameras = None if given is None else _rig_of(rig_file or result, given, next(iter(people.values())))
     known = known.subset(cameras.names) if cameras is not None else known
     origin = replace(origin, calibration=known)
@@ -227,6 +227,11 @@ def _upright(
     rows = ", ".join(" ".join(f"{value:.3g}" for value in row) for row in (up_R_world + 0.0).tolist())
     turned = f"the world of this report is that of the result, turned by the rotation ({rows}) so that z is up"
     return people, up_R_world, f"{said}; {turned}" if said else turned
+
+
+def said_up(world_up: UpChoice) -> WorldUp | None:
+    """The axis that somebody says to be up; None: nobody says it."""
+    return None if world_up == "auto" else world_up
 
 
 def _still_true(findings: tuple[Finding, ...], given_up: WorldUp | None) -> tuple[Finding, ...]:

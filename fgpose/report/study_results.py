@@ -14,12 +14,13 @@ from jaxtyping import Float
 from fgpose.diagnosis.finished import FinishedRecording, Mark
 from fgpose.diagnosis.series import root_m
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.io.content import first_bytes
 from fgpose.io.studies.results import STUDY_NAME, WORLD_UP, check_unlinked
 from fgpose.io.tables import column_names, file_metadata, read_table
 from fgpose.plain_files import naming
 from fgpose.report.plots import gathered, ramp
-from fgpose.report.report import write_report
-from fgpose.report.results import load_finished
+from fgpose.report.report import digest_of_told, write_report
+from fgpose.report.results import load_finished, said_up
 from fgpose.report.sections.cameras import SEEN_PALETTE
 from fgpose.report.study_report import StudyRecording
 
@@ -29,6 +30,7 @@ Progress = Callable[[int, int], None]
 _WIDTH, _EXTENT, _STRIP, _HEIGHT = 72, 40, 110, 40  # pixels: of the way, of its length in words, of the strip
 _EDGE = 3  # pixels around the way
 _WAY_POINTS, _BINS = 60, 60
+_HEAD_BYTES = 2000  # of a page: what it was told is before its title
 _LEVELS = ramp(SEEN_PALETTE, 9)
 
 
@@ -62,7 +64,8 @@ def load_study(
 
     Args:
         folder: of its results.
-        reports: whether the report of each recording is written too, where there is none that is newer than its motion.
+        reports: whether the report of each recording is written too, where there is none that is newer than its motion
+            and has its events.
         page: where the report on the study will be; by default in the folder.
         progress: told after each recording.
 
@@ -123,12 +126,19 @@ def _recording(
 
 def _shown(motion: Path, report: Path, name: str, world_up: UpChoice, marks: Mapping[str, list[Mark]] | None) -> str:
     """The picture of a recording, whose report is written if it is due."""
-    due = marks is not None and not (report.is_file() and report.stat().st_mtime >= motion.stat().st_mtime)
+    own = tuple(sorted((marks or {}).get(name, ()), key=lambda mark: (mark.time_s, mark.name)))
+    due = marks is not None and not _is_of(report, motion, digest_of_told(own, said_up(world_up)))
     recording = load_finished(motion, title=name, world_up=world_up, observed=due)
-    if marks is not None and due:
-        own = sorted(marks.get(name, ()), key=lambda mark: mark.time_s)
-        write_report(replace(recording, marks=tuple(own)), report)
+    if due:
+        write_report(replace(recording, marks=own), report)
     return thumbnail(recording)
+
+
+def _is_of(report: Path, motion: Path, told: str) -> bool:
+    """Whether there is a page that is newer than the result, and of what is told of it now."""
+    if not report.is_file() or report.stat().st_mtime < motion.stat().st_mtime:
+        return False
+    return told.encode() in first_bytes(report, _HEAD_BYTES)
 
 
 def thumbnail(recording: FinishedRecording) -> str:

@@ -194,7 +194,9 @@ def _put_together(result: StudyResult, plan: Plan, events: tuple[Event, ...]) ->
     try:
         result.written += tables.write()
         tables.remove_other_parts()
-        if events:
+        if not events:
+            (study.output / EVENTS).unlink(missing_ok=True)  # those of an earlier run
+        else:
             recordings = [each for each in plan if not each.problem]
             rows, unknown = events_of(recordings, events)
             motions = {each.key: each.folder(study.output) / MOTION for each in recordings}

@@ -51,7 +51,8 @@ class Report:
     """What is up in the world of the calibration: +x, -x, +y, -y, +z or -z; auto: as people and cameras stand. A study
     says it in its file."""
     recordings: bool = True
-    """Of a study: also write the report of each recording, where there is none that is newer than its result."""
+    """Of a study: also write the report of each recording, where there is none with its events that is newer than its
+    result."""
 
     def run(self) -> None:
         from fgpose.report.study_results import is_study
