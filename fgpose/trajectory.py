@@ -114,6 +114,8 @@ class Trajectory(Motion):
     """(L,) their standard deviations; that neighbouring frames share their errors is in them."""
     other_bone: OtherBone | None = None
     """Why bone lengths that were given, or learned online, were not used any more. Not kept in files."""
+    frame_numbers: np.ndarray | None = None
+    """(T,) of its frames in the recording, from 0, increasing; None: not known."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "skeleton", named_skeleton(self.skeleton))
@@ -122,18 +124,16 @@ class Trajectory(Motion):
             "positions_m": (n_frames, n_joints, 3),
             "status": (n_frames, n_joints),
             "covariance_m2": (n_frames, n_joints, 3, 3),
-            "residual_px": (n_frames, len(self.camera_names), n_joints),
-            "bone_lengths_m": (self.skeleton.n_lengths,),
-            "bone_length_sigma_m": (self.skeleton.n_lengths,),
-            "visibility": (n_frames, len(self.camera_names), n_joints),
+            **dict.fromkeys(("residual_px", "visibility"), (n_frames, len(self.camera_names), n_joints)),
+            **dict.fromkeys(("bone_lengths_m", "bone_length_sigma_m"), (self.skeleton.n_lengths,)),
+            "frame_numbers": (n_frames,),
         }
         for name, shape in shapes.items():
             array = getattr(self, name)
-            if array is None:
-                continue
-            if array.shape != shape:
+            if array is not None and array.shape != shape:
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
-            array.setflags(write=False)
+            if array is not None:
+                array.setflags(write=False)
 
     @staticmethod
     def from_estimates(
@@ -177,7 +177,7 @@ class Trajectory(Motion):
     @staticmethod
     def concatenate(parts: Sequence[Trajectory]) -> Trajectory:
         """Trajectories one after the other as one. What only some of them have (covariances, residuals, bone lengths
-        that differ, the configuration) is left out.
+        that differ, the configuration) is left out, and numbers of frames that do not go on.
 
         Raises:
             ValueError: there is none, their skeletons or cameras differ, or one does not begin after the one before.
@@ -189,8 +189,7 @@ class Trajectory(Motion):
             for number, part in enumerate(parts):
                 if getattr(part, name) != getattr(first, name):
                     raise ValueError(f"trajectories 0 and {number} have another {name}: they cannot be concatenated")
-        backward = np.flatnonzero(np.diff(time_s) <= 0)
-        if backward.size:
+        if (backward := np.flatnonzero(np.diff(time_s) <= 0)).size:
             at = backward[0]
             raise ValueError(f"time must increase: a frame at {time_s[at + 1]:.6g} s follows one at {time_s[at]:.6g} s")
 
@@ -199,6 +198,7 @@ class Trajectory(Motion):
             return None if any(array is None for array in arrays) else np.concatenate(arrays)
 
         begins = np.cumsum([0, *(part.n_frames for part in parts)]).tolist()
+        numbers = joined("frame_numbers")
         ends = [part.convergence for part in parts if part.convergence is not None]
         known_m = [part.bone_lengths_m for part in parts if part.bone_lengths_m is not None]
         alike = len(known_m) == len(parts) and all(np.array_equal(each, known_m[0], equal_nan=True) for each in known_m)
@@ -210,6 +210,7 @@ class Trajectory(Motion):
             bone_length_sigma_m=first.bone_length_sigma_m if alike else None,
             convergence=Convergence.worst(ends) if len(ends) == len(parts) else None,
             config=first.config if all(part.config == first.config for part in parts) else None,
+            frame_numbers=numbers if numbers is not None and (np.diff(numbers) > 0).all() else None,
             implausible_frames=tuple(
                 begin + frame for begin, part in zip(begins, parts, strict=False) for frame in part.implausible_frames
             ),
@@ -238,10 +239,9 @@ class Trajectory(Motion):
         return self.frames(TimeRange(begin_s, end_s).of(self.time_s))
 
     def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> Trajectory:
-        """Some of the frames, as a trajectory of its own, in which they are counted from 0."""
-        kept = np.arange(self.n_frames)[frames]
-        number = {frame: n for n, frame in enumerate(kept.tolist())}
-        arrays = {name: getattr(self, name) for name in ("covariance_m2", "residual_px", "visibility")}
+        """Some of the frames, as a trajectory of its own, in which implausible_frames counts them from 0."""
+        number = {frame: n for n, frame in enumerate(np.arange(self.n_frames)[frames].tolist())}
+        arrays = {name: getattr(self, name) for name in ("covariance_m2", "residual_px", "visibility", "frame_numbers")}
         return replace(
             self,
             time_s=self.time_s[frames],
@@ -266,14 +266,14 @@ class Trajectory(Motion):
             whole[frames] = array
             return whole
 
-        arrays = {name: spread(getattr(self, name)) for name in ("covariance_m2", "residual_px", "visibility")}
         return replace(
             self,
             time_s=time_s,
             positions_m=spread(self.positions_m),
             status=spread(self.status, Status.UNOBSERVABLE),
+            frame_numbers=None,
             implausible_frames=tuple(int(frames[frame]) for frame in self.implausible_frames),
-            **arrays,
+            **{name: spread(getattr(self, name)) for name in ("covariance_m2", "residual_px", "visibility")},
         )
 
     def turned(self, rotation: Float[np.ndarray, "3 3"]) -> Trajectory:

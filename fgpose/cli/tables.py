@@ -15,6 +15,7 @@ from fgpose.association.successive import Succession
 from fgpose.calibration.self_calibration import CameraCalibration
 from fgpose.cli.console import new_table, number, print_written
 from fgpose.finding import Code
+from fgpose.io.trajectories.result_table import numbered
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline import AnySource, Result
@@ -119,7 +120,8 @@ def left_out_lines(trajectory: Trajectory) -> list[str]:
     """Which frames were left out, if any."""
     if not trajectory.implausible_frames:
         return []
-    frames = [f"frame {frame} at {trajectory.time_s[frame]:.2f} s" for frame in trajectory.implausible_frames]
+    numbers, time_s = numbered(trajectory), trajectory.time_s
+    frames = [f"frame {numbers[frame]} at {time_s[frame]:.2f} s" for frame in trajectory.implausible_frames]
     share = f"{len(frames)} of {trajectory.n_frames} frames"
     return [f"Left out, because the detections make no body: {share}: {_first_of(frames)}"]
 

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 # A table program runs a cell that begins so, which could send the table elsewhere.
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
 _CONTROLS = re.compile(f"{CONTROL.pattern}+")
+LARGEST_NUMBER = 1_000_000_000
+"""Of a frame or a person."""
 COVARIANCE_COLUMNS = {
     f"cov_{'xyz'[row]}{'xyz'[column]}_m2": (row, column)
     for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -113,6 +115,13 @@ def numbers(table: pa.Table, name: str) -> Float[np.ndarray, " row"]:
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or pa.types.is_null(column.type)):
         raise ValueError(f"column {name} does not contain numbers but {column.type}")
     return column.cast(pa.float64(), safe=False).to_numpy()
+
+
+def whole_numbers(values: Float[np.ndarray, " row"], name: str) -> Int[np.ndarray, " row"]:
+    """Numbers of frames or people. Raises ValueError unless they are whole, from 0."""
+    if not ((values >= 0) & (values <= LARGEST_NUMBER) & (values == np.floor(values))).all():
+        raise ValueError(f"a row whose {name} is no number from 0 to {LARGEST_NUMBER}")
+    return values.astype(int)
 
 
 def names(table: pa.Table, name: str, *, may_lack: bool = False) -> tuple[tuple[str, ...], Int[np.ndarray, " row"]]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fgpose.geometry.up_axis import WorldUp, z_up, z_up_R_world
 from fgpose.kinematics import definitions
@@ -36,6 +36,8 @@ class JointAngles(OverTime):
     """NaN = not determined."""
     sigma_deg: Float[np.ndarray, "frame angle"]
     """NaN where the trajectory has no covariance."""
+    frame_numbers: Int[np.ndarray, " frame"] | None = None
+    """Those of the trajectory."""
 
     def __post_init__(self) -> None:
         shape = (len(self.time_s), len(self.names))
@@ -98,7 +100,7 @@ def joint_angles(trajectory: Trajectory, world_up: WorldUp = "z") -> JointAngles
         sigma_rad = _sigma_rad(turned.positions_m, turned.covariance_m2, _joints(trajectory))
         sigma_deg = np.rad2deg(np.stack([sigma_rad[name] for name in angles], axis=-1))
         sigma_deg[np.isnan(angle_deg)] = np.nan
-    return JointAngles(tuple(angles), trajectory.time_s, angle_deg, sigma_deg)
+    return JointAngles(tuple(angles), trajectory.time_s, angle_deg, sigma_deg, trajectory.frame_numbers)
 
 
 def _sigma_rad(

@@ -184,5 +184,6 @@ def _by_person(
     for person, own in sorted(by_person.items()):
         frames = np.array(sorted(own))
         known = Trajectory.from_estimates([own[frame] for frame in frames.tolist()], camera_names, config)
-        trajectories[person] = known.in_frames(time_s[frames[0] : frames[-1] + 1], frames - frames[0])
+        there = np.arange(frames[0], frames[-1] + 1)
+        trajectories[person] = replace(known.in_frames(time_s[there], frames - frames[0]), frame_numbers=there)
     return trajectories

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fgpose.association.common_clock import on_common_clock
@@ -15,6 +15,7 @@ from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import PeopleObservations
+from fgpose.sampling import nearest
 from fgpose.shown import Shown
 from fgpose.trajectory import Trajectory
 
@@ -64,6 +65,7 @@ def smooth_people(
         association = associate(*on_time, config.tracking, progress)
     n_done = n_frames = len(association.frames.image)
     n_frames += sum(len(seen.detection) for seen in association.people.values())
+    frame_time_s = association.observations.frame_time_s + association.rig.common_offset_s
     trajectories: dict[int, Trajectory] = {}
     for person in association.people:
         own = association.of(person)
@@ -76,7 +78,8 @@ def smooth_people(
         # In the frames of the association, even where cameras see this person in turns.
         evidence = gather_long(own, association.rig, config)
         smoothed = smooth_evidence(evidence, own.skeleton, association.rig, config, told, unfinished)
-        trajectories[person] = with_left_out(smoothed, own, association.rig)
+        numbers = nearest(smoothed.time_s, frame_time_s)
+        trajectories[person] = replace(with_left_out(smoothed, own, association.rig), frame_numbers=numbers)
         n_done += own.n_frames
         if progress:
             progress(n_done, n_frames)

@@ -119,7 +119,7 @@ def test_the_arrays_of_npz_files(
     changing = replace(first, clock_drift=1e-5, clock_jumps=((2.0, 0.1),), moves=(pose,))
     known = CalibrationOrigin({first.name: 0.001})
     everybody = PeopleObservations.of_one(observations)
-    implausible = replace(trajectory, implausible_frames=(1,))
+    implausible = replace(trajectory, implausible_frames=(1,), frame_numbers=np.arange(trajectory.n_frames))
     save_npz(implausible, tmp_path / "result.npz", "fgpose smooth walk.npz")
     fgpose.files.save_observations(observations, tmp_path / "one.npz")
     fgpose.files.save_people_observations(everybody, tmp_path / "everybody.npz")

@@ -15,16 +15,26 @@ from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
 from fgpose.io.atomic import check_replaceable, write_text
 from fgpose.io.content import first_bytes
 from fgpose.io.names import own_paths
-from fgpose.io.tables import file_metadata, metadata, names, nullable, numbers, read_table, write_csv, write_table
+from fgpose.io.tables import (
+    file_metadata,
+    metadata,
+    names,
+    nullable,
+    numbers,
+    read_table,
+    whole_numbers,
+    write_csv,
+    write_table,
+)
 from fgpose.io.trajectories.bvh import write_bvh
 from fgpose.io.trajectories.c3d import ROTATION_LABEL, require_ezc3d, write_c3d
+from fgpose.io.trajectories.result_table import frame_numbers, numbered
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.kinematics.poses import segment_poses
 from fgpose.plain_files import naming
-from fgpose.sampling import nearest
 from fgpose.trajectory import Trajectory
 
 EXTENSIONS = (".parquet", ".csv", ".mot", ".bvh", ".c3d")
@@ -138,11 +148,8 @@ def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp) -> None:
 def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> None:
     import pyarrow as pa
 
-    time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
-    tables = [
-        _table(trajectory, person, nearest(trajectory.time_s, time_s), world_up)
-        for person, trajectory in people.items()
-    ]
+    frames = frame_numbers(people)
+    tables = [_table(trajectory, person, frames[person], world_up) for person, trajectory in people.items()]
     if path.suffix.lower() == ".csv":
         write_csv(path, tables)
         return
@@ -152,9 +159,8 @@ def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp
 
 def angles_table(angles: JointAngles) -> pa.Table:
     """The rows of joint angles alone, of one person, as in the tables of save_kinematics."""
-    frame = np.arange(len(angles.time_s))
     kinds = ["angle"] * len(angles.names)
-    return _rows(angles.time_s, frame, 0, (kinds, [*angles.names], angles.angle_deg, angles.sigma_deg))
+    return _rows(angles.time_s, numbered(angles), 0, (kinds, [*angles.names], angles.angle_deg, angles.sigma_deg))
 
 
 def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"], world_up: WorldUp) -> pa.Table:
@@ -211,9 +217,7 @@ def load_angles(path: str | Path) -> dict[int, JointAngles]:
         kinds, kind = names(table, "kind")
         is_angle = np.array([each == "angle" for each in kinds], dtype=bool)[kind]
         table = table.filter(is_angle)
-        person = numbers(table, "person")
-        if not (np.isfinite(person) & (person >= 0) & (person == np.floor(person))).all():
-            raise ValueError("a row whose person is no number from 0")
+        person = whole_numbers(numbers(table, "person"), "person")
         return {int(who): _angles_of(table.filter(person == who)) for who in dict.fromkeys(person.tolist())}
     except ValueError as error:
         raise ValueError(f"{path}: not readable joint angles: {error}") from None
@@ -228,7 +232,8 @@ def _angles_of(table: pa.Table) -> JointAngles:
     def column(name: str) -> Float[np.ndarray, "frame angle"]:
         return numbers(table, name).reshape(n_frames, len(labels)).copy()
 
-    return JointAngles(labels, column("time_s")[:, 0], column("value"), column("sigma"))
+    frame = whole_numbers(column("frame")[:, 0], "frame")
+    return JointAngles(labels, column("time_s")[:, 0], column("value"), column("sigma"), frame)
 
 
 def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:

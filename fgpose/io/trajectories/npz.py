@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Int
 
 from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
+from fgpose.io.tables import whole_numbers
 from fgpose.io.trajectories.description import LENGTHS, describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
-_ARRAYS = ("covariance_m2", "residual_px", "visibility")
+_ARRAYS = ("covariance_m2", "residual_px", "visibility", "frame_numbers")
 _TEXTS = ("skeleton", "camera_names", *LENGTHS, "convergence", "implausible_frames", "config")
 
 
@@ -20,9 +21,9 @@ def write_npz(trajectory: Trajectory, path: Path, made_by: str = "") -> None:
     """Write a NumPy archive that needs no pickle.
 
     Arrays time_s (T,), positions_m (T, J, 3), status (T, J), and where they are known covariance_m2 (T, J, 3, 3),
-    residual_px and visibility (T, C, J); status_names: what the numbers in status mean; joints: their names. The rest
-    as texts of the same names as the fields of Trajectory, in JSON, the config in TOML. made_by, where it is known: the
-    command of fgpose.
+    residual_px and visibility (T, C, J), frame_numbers (T,); status_names: what the numbers in status mean; joints:
+    their names. The rest as texts of the same names as the fields of Trajectory, in JSON, the config in TOML. made_by,
+    where it is known: the command of fgpose.
 
     Raises:
         OSError: the file cannot be written.
@@ -55,12 +56,20 @@ def read_npz(path: Path) -> Trajectory:
     n_joints, n_cameras = values["skeleton"].n_joints, len(values["camera_names"])
     shapes = {"time_s": (None,), "positions_m": (None, n_joints, 3)}
     of_detections = (None, n_cameras, n_joints)
-    optional = dict(zip(_ARRAYS, ((None, n_joints, 3, 3), of_detections, of_detections), strict=True))
+    optional = dict(zip(_ARRAYS, ((None, n_joints, 3, 3), of_detections, of_detections, (None,)), strict=True))
     shapes |= {name: shape for name, shape in optional.items() if name in archive}
     arrays: dict[str, Any] = {
         name: checked(archive, name, "numbers", *shape).astype(float) for name, shape in shapes.items()
     }
+    if "frame_numbers" in arrays:
+        arrays["frame_numbers"] = _increasing(whole_numbers(arrays["frame_numbers"], "frame"))
     return Trajectory(status=_status(archive, n_joints), **arrays, **values)
+
+
+def _increasing(frames: Int[np.ndarray, " frame"]) -> Int[np.ndarray, " frame"]:
+    if (np.diff(frames) <= 0).any():
+        raise ValueError("array frame_numbers does not increase")
+    return frames
 
 
 def _status(archive: dict[str, np.ndarray], n_joints: int) -> Int[np.ndarray, "frame joint"]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fgpose.io.tables import nullable
 from fgpose.io.trajectories.kinematics import angles_table
-from fgpose.io.trajectories.result_table import AXES, result_tables
+from fgpose.io.trajectories.result_table import AXES, numbered, result_tables
 from fgpose.kinematics.angles import JointAngles
 from fgpose.trajectory import Trajectory
 
@@ -33,7 +33,7 @@ def table_over_time(shown: Trajectory | JointAngles, form: Literal["long", "wide
 def _long(trajectory: Trajectory) -> pa.Table:
     import pyarrow as pa
 
-    tables = result_tables({0: trajectory}, {0: np.arange(trajectory.n_frames)})
+    tables = result_tables({0: trajectory}, {0: numbered(trajectory)})
     return pa.concat_tables(tables).unify_dictionaries()
 
 
@@ -41,7 +41,7 @@ def _wide(shown: Trajectory | JointAngles) -> pa.Table:
     import pyarrow as pa
 
     time_s = np.asarray(shown.time_s, dtype=float)
-    columns = {"frame": pa.array(np.arange(len(time_s), dtype=np.int32)), "time_s": pa.array(time_s)}
+    columns = {"frame": pa.array(numbered(shown).astype(np.int32)), "time_s": pa.array(time_s)}
     values = _of_angles(shown) if isinstance(shown, JointAngles) else _of_joints(shown)
     return pa.table(columns | {name: nullable(column) for name, column in values.items()})
 

@@ -18,6 +18,7 @@ from fgpose.io.tables import (
     numbers,
     read_table,
     symmetric,
+    whole_numbers,
     write_row_groups,
 )
 from fgpose.io.trajectories.description import describe, described, status_named
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 _PREFIX = "fgpose."
 _ORIGIN = "origin"
 _HAS_COVARIANCE = "has_covariance"
-_MAX_PERSON = 1_000_000_000
 
 
 def write_parquet(
@@ -125,8 +125,7 @@ def _by_person(table: pa.Table) -> dict[int, pa.Table]:
     """The rows of each person, in the order in which they first occur."""
     column = numbers(table, "person")
     people, first, index = np.unique(column, return_index=True, return_inverse=True)
-    if not ((people >= 0) & (people <= _MAX_PERSON) & (people == np.floor(people))).all():
-        raise ValueError(f"a row whose person is no number from 0 to {_MAX_PERSON}")
+    whole_numbers(people, "person")
     rows = table.take(np.argsort(first[index], kind="stable"))
     order = np.argsort(first)
     ends = np.cumsum(np.bincount(index, minlength=len(people))[order]).tolist()
@@ -141,7 +140,7 @@ def _trajectory(table: pa.Table, texts: dict[str, str]) -> Trajectory:
     values = described(texts)
     joints = values["skeleton"].joints
     n_frames = table.num_rows // len(joints)
-    _check_order(table, joints, n_frames)
+    values["frame_numbers"] = _frame_numbers(table, joints, n_frames)
 
     def column(name: str) -> np.ndarray:
         return numbers(table, name).reshape(n_frames, len(joints))
@@ -162,7 +161,8 @@ def _trajectory(table: pa.Table, texts: dict[str, str]) -> Trajectory:
     )
 
 
-def _check_order(table: pa.Table, joints: tuple[str, ...], n_frames: int) -> None:
+def _frame_numbers(table: pa.Table, joints: tuple[str, ...], n_frames: int) -> Int[np.ndarray, " frame"]:
+    """Raises ValueError unless rows are in order."""
     joint_names, joint = names(table, "joint")
     known = np.array([joints.index(each) if each in joints else -1 for each in joint_names], dtype=int)
     frame = numbers(table, "frame")
@@ -170,3 +170,4 @@ def _check_order(table: pa.Table, joints: tuple[str, ...], n_frames: int) -> Non
     in_order = (np.diff(numbered) > 0).all() and np.array_equal(frame, np.repeat(numbered, len(joints)))
     if not in_order or not np.array_equal(known[joint], np.tile(np.arange(len(joints)), n_frames)):
         raise ValueError("rows are missing or in another order: each frame must hold every joint of the skeleton once")
+    return whole_numbers(numbered, "frame")

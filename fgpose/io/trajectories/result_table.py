@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.io.tables import COVARIANCE_COLUMNS, nullable
+from fgpose.kinematics.angles import JointAngles
+from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:
@@ -19,6 +21,47 @@ AXES = "xyz"
 PER_CAMERA = ("residual_px", "visibility")
 """Fields with one column for each camera: residual_px_<camera>."""
 _FRAMES_AT_ONCE = 5000  # in a group of rows: 30 MB
+
+
+def numbered(shown: Trajectory | JointAngles) -> Int[np.ndarray, " frame"]:
+    """The numbers of its frames; where they are not known, counted from its first."""
+    return np.arange(len(shown.time_s)) if shown.frame_numbers is None else shown.frame_numbers
+
+
+def frame_numbers(
+    people: Mapping[int, Trajectory], time_s: Float[np.ndarray, " frame"] | None = None
+) -> dict[int, Int[np.ndarray, " own_frame"]]:
+    """The numbers of everybody's frames in their recording.
+
+    Args:
+        people: by number, one at least.
+        time_s: of all frames of the recording; by default everybody's own numbers count or, where somebody has none,
+            the times at which somebody is there.
+
+    Raises:
+        ValueError: somebody has no frame, one that is not the recording's, or times do not increase.
+    """
+    for person, trajectory in people.items():
+        if not trajectory.n_frames or not _increases(trajectory.time_s):
+            raise ValueError(f"person {person} must have frames whose time_s increases")
+    known = {person: each.frame_numbers for person, each in people.items() if each.frame_numbers is not None}
+    if time_s is None and len(known) == len(people):
+        return known
+    all_s = np.unique(np.concatenate([each.time_s for each in people.values()])) if time_s is None else time_s
+    if not len(all_s) or not _increases(all_s):
+        raise ValueError("time_s of the recording must increase")
+    frames = {person: nearest(trajectory.time_s, all_s) for person, trajectory in people.items()}
+    for person, frame in frames.items():
+        own_s = people[person].time_s
+        # Two ways to take the mean over the clocks of cameras differ in their last digits.
+        other = (np.abs(all_s[frame] - own_s) > TIME_ROUNDING_S) | (np.diff(frame, prepend=-1) == 0)
+        if other.any():
+            raise ValueError(f"person {person} has a frame at {own_s[other][0]:.6g} s, the recording has none then")
+    return frames
+
+
+def _increases(time_s: Float[np.ndarray, " frame"]) -> bool:
+    return bool(np.isfinite(time_s).all() and (np.diff(time_s) > 0).all())
 
 
 def result_tables(

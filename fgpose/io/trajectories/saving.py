@@ -17,11 +17,10 @@ from fgpose.io.tables import write_csv
 from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
 from fgpose.io.trajectories.npz import write_npz
 from fgpose.io.trajectories.parquet import write_parquet
-from fgpose.io.trajectories.result_table import result_tables
+from fgpose.io.trajectories.result_table import frame_numbers, numbered, result_tables
 from fgpose.io.trajectories.trc import write_trc
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.plain_files import naming
-from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.trajectory import Trajectory
 
 EXTENSIONS = (".parquet", ".npz", ".csv", ".trc", ".c3d")
@@ -65,7 +64,7 @@ def save_trajectory(
         ImportError: C3D without ezc3d.
         OSError: the file cannot be written.
     """
-    _write({0: trajectory}, {0: np.arange(trajectory.n_frames)}, Path(path), world_up, origin)
+    _write({0: trajectory}, {0: numbered(trajectory)}, Path(path), world_up, origin)
 
 
 def _write(
@@ -125,7 +124,8 @@ def save_people(
         trajectories: by the number of the person, from 0.
         path: NAME with its extension.
         world_up: see save_trajectory; auto: as all of them stand.
-        time_s: of all frames of the recording, increasing, seconds; by default those at which somebody is there.
+        time_s: of all frames of the recording, increasing, seconds; by default frames have the numbers that everybody's
+            trajectory knows (frame_numbers) or, where one does not, count those at which somebody is there.
         origin: see save_trajectory.
 
     Returns:
@@ -146,7 +146,7 @@ def save_people(
         check_output(path)
         return _write(trajectories, {}, path, world_up, origin)
     with naming(path):
-        return _write(trajectories, _frame_numbers(trajectories, time_s), path, world_up, origin)
+        return _write(trajectories, frame_numbers(trajectories, time_s), path, world_up, origin)
 
 
 def people_paths(path: str | Path, people: Collection[int] = ()) -> tuple[Path, ...]:
@@ -158,26 +158,3 @@ def people_paths(path: str | Path, people: Collection[int] = ()) -> tuple[Path, 
     """
     path = Path(path)
     return (path,) if _extension(path) in _TABLES else own_paths(path, people)
-
-
-def _frame_numbers(
-    people: Mapping[int, Trajectory], time_s: Float[np.ndarray, " frame"] | None
-) -> dict[int, Int[np.ndarray, " own_frame"]]:
-    for person, trajectory in people.items():
-        if not trajectory.n_frames or not _increases(trajectory.time_s):
-            raise ValueError(f"person {person} must have frames whose time_s increases")
-    all_s = np.unique(np.concatenate([each.time_s for each in people.values()])) if time_s is None else time_s
-    if not len(all_s) or not _increases(all_s):
-        raise ValueError("time_s of the recording must increase")
-    frames = {person: nearest(trajectory.time_s, all_s) for person, trajectory in people.items()}
-    for person, frame in frames.items():
-        own_s = people[person].time_s
-        # Two ways to take the mean over the clocks of cameras differ in their last digits.
-        other = (np.abs(all_s[frame] - own_s) > TIME_ROUNDING_S) | (np.diff(frame, prepend=-1) == 0)
-        if other.any():
-            raise ValueError(f"person {person} has a frame at {own_s[other][0]:.6g} s, the recording has none then")
-    return frames
-
-
-def _increases(time_s: Float[np.ndarray, " frame"]) -> bool:
-    return bool(np.isfinite(time_s).all() and (np.diff(time_s) > 0).all())

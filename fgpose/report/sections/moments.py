@@ -57,8 +57,9 @@ def moment_section(recording: FinishedRecording) -> Section:
 
 
 def _title(recording: FinishedRecording, moment: WorstMoment) -> str:
-    called = recording.called(moment.person)
-    return f"{moment.time_s:.2f} s (frame {moment.frame}){f', {called}' if called else ''}: {', '.join(moment.joints)}"
+    called, numbers = recording.called(moment.person), recording.people[moment.person].frame_numbers
+    when = f"{moment.time_s:.2f} s" + ("" if numbers is None else f" (frame {numbers[moment.frame]})")
+    return f"{when}{f', {called}' if called else ''}: {', '.join(moment.joints)}"
 
 
 def _why_no_pictures(recording: FinishedRecording) -> str:

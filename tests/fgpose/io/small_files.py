@@ -107,12 +107,12 @@ def _kinematics(extension: str) -> Callable[[Path], Any]:
 
 
 def assert_same(actual: Any, expected: Any) -> None:
-    """Of two dataclasses of arrays: every field is the same, exactly."""
+    """Of two dataclasses of arrays: every field is the same, exactly; a table numbers frames that have no number."""
     for field in fields(expected):
         a, b = getattr(actual, field.name), getattr(expected, field.name)
         if isinstance(b, np.ndarray):
             np.testing.assert_array_equal(a, b, err_msg=field.name)
-        else:
+        elif field.name != "frame_numbers":
             assert a == b, field.name
 
 

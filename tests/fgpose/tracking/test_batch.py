@@ -52,6 +52,8 @@ def test_each_has_the_frames_that_show_them():
     for person, trajectory in people.trajectories.items():
         own = people.association.of(person)
         np.testing.assert_array_equal(trajectory.time_s, own.frame_time_s)
+        all_s = people.association.observations.frame_time_s
+        np.testing.assert_allclose(all_s[trajectory.frame_numbers], trajectory.time_s, atol=1e-9)
         assert own.seen[0].any()
         assert own.seen[-1].any()
 
