@@ -215,7 +215,7 @@ _LARGEST = 1e12
 
 
 def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float:
-    """Every number of the configuration is a scale, a duration or a count: zero or less has no meaning."""
+    """Every number but a least confidence is a scale, a duration or a count: zero or less has no meaning."""
     of_kind = numbers.Integral if kind is int else numbers.Real
     if not isinstance(value, of_kind) or isinstance(value, bool):
         raise ValueError(f"{name} must be a {kind.__name__}, got {reprlib.repr(value)}")
@@ -223,7 +223,7 @@ def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float
         size = float(value)
     except OverflowError:
         size = math.inf
-    may_be_infinite = name == "online.lag_s"
-    if not 1 / _LARGEST < size < _LARGEST and not (size == math.inf and may_be_infinite):
+    may_be = {"online.lag_s": math.inf, "data.min_confidence": 0.0}
+    if not 1 / _LARGEST < size < _LARGEST and size != may_be.get(name):
         raise ValueError(f"{name} must be a positive number, got {reprlib.repr(value)}")
     return kind(size)

@@ -206,9 +206,24 @@ def _check(study: StudyDescription) -> None:
         _check_patterns(data, of_people)
     elif data.calibration:
         raise ValueError("data.calibration: the layout pose2sim finds it by itself; leave it out")
-    if data.skeleton:
-        from fgpose.io.skeletons import load_skeleton
+    _check_values(study)
 
+
+def _check_values(study: StudyDescription) -> None:
+    """What every recording would fail for."""
+    from fgpose.calibration.from_people.world.scale import check_stature
+    from fgpose.io.calibration.calibrated_view import metres_per_unit
+    from fgpose.io.skeletons import load_skeleton
+    from fgpose.observations import check_confidence
+
+    with naming("data.min_confidence"):
+        check_confidence(study.data.min_confidence)
+    with naming("data.unit"):
+        metres_per_unit(study.data.unit)
+    if study.from_people.stature_m is not None:
+        with naming("from_people.stature_m"):
+            check_stature(study.from_people.stature_m)
+    if study.data.skeleton:
         load_skeleton(skeleton_of(study))
 
 

@@ -43,6 +43,18 @@ def test_parameters_and_lists_are_read(edited: Callable[[str, str], Path]) -> No
         ("{subject}/{session}/{trial}.npz", "{subject}/A/walk.npz", "data.calibration: {session} is not in"),
         ('calibration = "{subject}/{session}/Calib.toml"', "", "data.calibration is missing"),
         ("h36m_17", "h36m_71", "h36m_71"),
+        (
+            "[steps]",
+            "min_confidence = 70\n[steps]",
+            "data.min_confidence: the least confidence must be between 0 and 1",
+        ),
+        ("[steps]", "min_confidence = -0.1\n[steps]", "data.min_confidence must be a positive number"),
+        ("[steps]", 'unit = "parsec"\n[steps]', "data.unit: unit must be auto, "),
+        (
+            "[steps]",
+            "[from_people]\nstature_m = 178\n[steps]",
+            "from_people.stature_m: a stature is in metres: 1.78, not",
+        ),
         ("[steps]", 'videos = "{trial}"\n[steps]', "a study begins from one of them"),
         ("[steps]", 'layout = "pose2sim"\n[steps]', "the layout pose2sim finds it by itself"),
         ("[steps]", '[detect]\ndevice = "gpu"\n[steps]', "detect.device must be one of auto, cpu, cuda, "),
@@ -56,6 +68,10 @@ def test_what_is_wrong_is_named(edited: Callable[[str, str], Path], old: str, ne
     with pytest.raises(ValueError, match=r"study\.toml") as error:
         load_study(file)
     assert message in str(error.value)
+
+
+def test_a_default_can_be_written(edited: Callable[[str, str], Path]) -> None:
+    assert load_study(edited("[steps]", "min_confidence = 0\n[steps]")).data.min_confidence == 0.0
 
 
 def test_the_template_is_a_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
