@@ -8,11 +8,11 @@ from jaxtyping import Float
 from fgpose.calibration.from_people.calibrated import Grade, by_remedy
 from fgpose.diagnosis.body.joint_names import in_words_by_part, limb_of
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
+from fgpose.diagnosis.series import SAMPLES, USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.geometry.triangulation import usual_parallax_deg
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import spread_evenly, usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
 _DISAGREES_RATIO, _MORE_THAN_USUAL = 2.0, 1.5
@@ -65,7 +65,10 @@ def _apart_deg(recording: FinishedRecording) -> float:
     """Largest angle between the lines along which cameras look at the people, the median; NaN if it is not known."""
     if recording.rig is None or len(recording.camera_names) < 2:
         return np.nan
-    positions_m = np.concatenate([each.positions_m.reshape(-1, 3) for each in recording.people.values()])
+    some = [
+        each.positions_m[spread_evenly(each.n_frames, SAMPLES)] for each in recording.people.values() if each.n_frames
+    ]
+    positions_m = np.concatenate([np.zeros((0, 3)), *(each.reshape(-1, 3) for each in some)])
     return usual_parallax_deg(positions_m, recording.rig.subset(recording.camera_names))
 
 

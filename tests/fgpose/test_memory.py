@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from fgpose.config import Config
+from fgpose.diagnosis.camera_checks import few_cameras
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.estimation import smoother
 from fgpose.estimation.evidence import gathered
 from fgpose.estimation.segment import Segment
@@ -23,6 +25,7 @@ from fgpose.observations import Observations
 from fgpose.pipeline import load_source, run_smooth, show
 from fgpose.pipeline.source import Source
 from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Status, Trajectory
 from fgpose.viewer import Recording
 
 # Both are so long that what is done in parts has its largest memory in both.
@@ -120,3 +123,15 @@ def first_guess(segment: Segment) -> Solution:
     nobody = Solution.of_nobody(segment)
     covariance_m2 = np.broadcast_to(1e-4 * np.eye(3), (*segment.active.shape, 3, 3)).copy()
     return replace(nobody, positions_m=segment.evidence.guess_m, covariance_m2=covariance_m2)
+
+
+def test_how_far_cameras_are_apart_is_told_by_some_frames(recording: Observations, rig: CameraRig) -> None:
+    joints = (LONG, recording.skeleton.n_joints)
+    body_m = np.random.default_rng(0).normal(0.0, 0.3, (*joints, 3))
+    whole = Trajectory(recording.skeleton, recording.frame_time_s, body_m, np.full(joints, Status.OBSERVED))
+
+    def work(part: Observations) -> object:
+        return few_cameras(FinishedRecording("walk", {0: whole.frames(slice(0, part.n_frames))}, rig))
+
+    # The positions of one person of four cameras take half as much as their detections do, and are not copied.
+    assert growth(work, recording) < 0.05
