@@ -16,7 +16,7 @@ from fgpose.io.atomic import check_writable
 from fgpose.monocular.clips import Clip, ClipImage
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection_cache import ViewDetections, cache_path, load_detections, store_detections
-from fgpose.monocular.network import Network, People, Tracker
+from fgpose.monocular.network import Network, People, Tracker, people_in
 from fgpose.monocular.sources import Sources
 
 Progress = Callable[[int, int], None]
@@ -60,7 +60,8 @@ def detect(
             decoded to its end.
 
     Raises:
-        ValueError: an image cannot be read, jobs or frames is not positive, nobody is found in any camera.
+        ValueError: an image cannot be read, the network fails or does not give People of its skeleton (see people_in),
+            jobs or frames is not positive, nobody is found in any camera.
         OSError: a video cannot be read, or the cache cannot be written into (before any work).
     """
     jobs = n_cores() if jobs is None else jobs
@@ -134,11 +135,17 @@ class _View:
             if picture is None:
                 self._ended = True
                 break
-            self._people.append(self._tracker.detect(picture.image))
+            self._people.append(self._found(picture, self._tracker))
             self._stamps_s.append(picture.stamp_s)
         n_stored, _ = self._stored
         if len(self._people) >= n_stored + max(_STORE_IMAGES, _STORE_GROWTH * n_stored):
             self.store()
+
+    def _found(self, picture: ClipImage, tracker: Tracker) -> People:
+        try:
+            return people_in(picture.image, tracker, self._network)
+        except ValueError as error:
+            raise ValueError(f"{self._clip.path}, image {picture.number}: {error}") from (error.__cause__ or error)
 
     def store(self) -> None:
         """Keep what was found. If the disk is full, the work continues without keeping anything."""

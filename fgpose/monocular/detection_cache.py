@@ -99,11 +99,10 @@ def _view(arrays: Mapping[str, np.ndarray], n_joints: int) -> ViewDetections:
     stamps_s = checked(arrays, "stamps_s", "numbers", len(n_people)).astype(float)
     if (n_people < 0).any():
         raise ValueError("its images have no count of people each")
-    shapes = ((5,), (n_joints, 2), (n_joints,), (n_joints, 3), (n_joints, 3, 3))
     people = People(
         *(
             checked(arrays, name, "numbers", int(n_people.sum()), *shape)
-            for name, shape in zip(_ARRAYS, shapes, strict=True)
+            for name, shape in People.shapes(n_joints).items()
         ),
         problems=texts(arrays, "problems"),
     )

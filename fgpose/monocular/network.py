@@ -76,13 +76,20 @@ class People:
     @staticmethod
     def nobody(n_joints: int) -> People:
         """An image without people."""
-        return People(
-            np.zeros((0, 5)),
-            np.zeros((0, n_joints, 2)),
-            np.zeros((0, n_joints)),
-            np.zeros((0, n_joints, 3)),
-            np.zeros((0, n_joints, 3, 3)),
-        )
+        nothing = (np.zeros((0, *shape)) for shape in People.shapes(n_joints).values())
+        boxes, points2d_px, confidence, points3d_m, covariance_m2 = nothing
+        return People(boxes, points2d_px, confidence, points3d_m, covariance_m2)
+
+    @staticmethod
+    def shapes(n_joints: int) -> dict[str, tuple[int, ...]]:
+        """Of each array, for one person."""
+        return {
+            "boxes": (5,),
+            "points2d_px": (n_joints, 2),
+            "confidence": (n_joints,),
+            "points3d_m": (n_joints, 3),
+            "covariance_m2": (n_joints, 3, 3),
+        }
 
 
 @runtime_checkable
@@ -115,3 +122,34 @@ class Network(Protocol):
     def tracker(self, camera: Camera) -> Tracker:
         """For the images of one camera, whose size and intrinsics are those of the images."""
         ...
+
+
+def people_in(image: Image, tracker: Tracker, network: Network) -> People:
+    """What a tracker of a network finds in the next image, checked.
+
+    Raises:
+        ValueError: the network failed, which is the cause, or does not give People of its skeleton; the message names it.
+    """
+    try:
+        found = tracker.detect(image)
+    except Exception as error:
+        raise ValueError(f"network {network.name} failed: {type(error).__name__}: {error}") from error
+    _check(found, network)
+    return found
+
+
+def _check(found: object, network: Network) -> None:
+    gave = f"network {network.name} gave"
+    if not isinstance(found, People):
+        raise ValueError(f"{gave} {type(found).__name__}, not fgpose.monocular.network.People")
+    boxes = np.shape(found.boxes)
+    if len(boxes) != 2 or boxes[1] != 5:
+        raise ValueError(f"{gave} boxes {boxes}, not (people, 5)")
+    n_people, n_joints = boxes[0], network.skeleton.n_joints
+    for name, shape in People.shapes(n_joints).items():
+        given, expected = np.shape(getattr(found, name)), (n_people, *shape)
+        if given != expected:
+            counted = f"{n_people} {'box' if n_people == 1 else 'boxes'}"
+            raise ValueError(
+                f"{gave} {name} {given} for {counted}, not {expected}: the joints of {network.skeleton.name}"
+            )

@@ -16,7 +16,7 @@ from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.priority import give_way
 from fgpose.live.processes.worker import Worker
 from fgpose.monocular.detected import detections_of
-from fgpose.monocular.network import Network, Tracker
+from fgpose.monocular.network import Network, Tracker, people_in
 
 _LOG = logging.getLogger("fgpose.live")
 _LOOKS_S = 0.2
@@ -131,7 +131,7 @@ class Detectors:
                 self._trackers[image.camera] = self._network.tracker(camera)
             if self._show is not None:
                 self._show(image.camera, image.picture, image.captured_s)
-            found = self._trackers[image.camera].detect(image.picture)
+            found = people_in(image.picture, self._trackers[image.camera], self._network)
         # Whatever is wrong with an image, the other cameras and the next image are not.
         except Exception:
             if image.camera not in self._failed:

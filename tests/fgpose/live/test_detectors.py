@@ -140,3 +140,22 @@ def test_a_network_that_does_not_answer_is_told(
     assert len(hung) == 1  # there is one thread
     monkeypatch.setattr("fgpose.live.processes.detectors._HANGS_S", LONG_S)
     assert looking.detectors.hung() == []
+
+
+def test_an_answer_whose_arrays_do_not_fit_together_goes_nowhere(
+    cameras: Cameras, looking: Looking, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    right = CountingTracker.detect
+
+    def two_boxes(self: CountingTracker, image: np.ndarray) -> People:
+        monkeypatch.setattr(CountingTracker, "detect", right)
+        found = right(self, image)
+        object.__setattr__(found, "boxes", np.repeat(found.boxes, 2, axis=0))
+        return found
+
+    monkeypatch.setattr(CountingTracker, "detect", two_boxes)
+    cameras.take_images(1)
+    looking.network.may_look.release()
+    assert looking.times_s(2) == [1, 1]
+    assert "the network failed on an image" in caplog.text
+    assert "network slow gave points2d_px (1, 1, 2) for 2 boxes" in caplog.text
