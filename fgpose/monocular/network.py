@@ -28,6 +28,10 @@ def checked_image(image: np.ndarray, camera: Camera) -> Image:
     return np.ascontiguousarray(image)
 
 
+# What rounding may add to a confidence.
+_ROUNDING = 0.01
+
+
 @dataclass(frozen=True, eq=False)
 class People:
     """The people that a network found in one image. What is unknown of a joint is NaN, with confidence 0."""
@@ -128,7 +132,8 @@ def people_in(image: Image, tracker: Tracker, network: Network) -> People:
     """What a tracker of a network finds in the next image, checked.
 
     Raises:
-        ValueError: the network failed, which is the cause, or does not give People of its skeleton; the message names it.
+        ValueError: the network failed, which is the cause, or does not give People of its skeleton with confidences in
+            [0, 1], but for rounding; the message names it.
     """
     try:
         found = tracker.detect(image)
@@ -153,3 +158,7 @@ def _check(found: object, network: Network) -> None:
             raise ValueError(
                 f"{gave} {name} {given} for {counted}, not {expected}: the joints of {network.skeleton.name}"
             )
+    confidence = np.asarray(found.confidence, dtype=float)
+    outside = (confidence < -_ROUNDING) | (confidence > 1 + _ROUNDING)
+    if outside.any():
+        raise ValueError(f"{gave} a confidence of {confidence[outside][0]:g}, not in [0, 1]")

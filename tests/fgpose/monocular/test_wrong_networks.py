@@ -72,6 +72,8 @@ ALL = tuple(People.shapes(3))
         (with_arrays(lambda a: a[0], *ALL), r"gave boxes \(5,\), not \(people, 5\)"),
         (with_arrays(lambda a: a[..., [0, 1, 1]], "points2d_px"), r"gave points2d_px \(1, 3, 3\) for 1 box"),
         (with_arrays(lambda a: None, "covariance_m2"), r"gave covariance_m2 \(\) for 1 box"),
+        (with_arrays(lambda a: a * 100, "confidence"), r"gave a confidence of 90, not in \[0, 1\]"),
+        (with_arrays(lambda a: a - 1, "confidence"), r"gave a confidence of -0\.1, not in \[0, 1\]"),
         (lambda people: None, "gave NoneType, not .*People"),
         (lambda people: vars(people), "gave dict, not .*People"),
         (failing, "failed: RuntimeError: CUDA out of memory"),
@@ -92,3 +94,11 @@ def test_what_was_found_before_is_kept(sources: Sources, squares_network: Square
     n_seen = len(squares_network.seen)
     network._change = lambda people: people
     assert detect(sources, network, cache=tmp_path).n_new_images == 18 - n_seen + 1
+
+
+def test_confidences_that_are_rounded_or_missing_are_taken(sources: Sources, squares_network: SquaresNetwork) -> None:
+    for given, taken in ((1.005, 1.0), (-0.005, 0.0), (np.nan, 0.0)):
+        change = with_arrays(lambda a, given=given: np.full_like(a, given), "confidence")
+        detected = detect(sources, Changed(squares_network, change), jobs=1)
+        confidences = [image.confidence for image in detected.people.images if image.camera == "ring_0"]
+        np.testing.assert_array_equal(confidences[WRONG_IMAGE], taken)
