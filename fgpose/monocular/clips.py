@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from jaxtyping import Float
 
 from fgpose.io.names import frame_numbers, visible
 from fgpose.monocular.network import Image
+from fgpose.monocular.stamps import repaired
 from fgpose.plain_files import MAX_IMAGE_PX, check_plain, open_plain
 
 if TYPE_CHECKING:
@@ -143,9 +145,12 @@ class Clip:
     def times_s(self, stamps_s: Float[np.ndarray, " image"]) -> Float[np.ndarray, " image"]:
         """Time of each of the first images, given the stamps that they were read with.
 
-        An image of a video has the time of its stamp. If the user gave fps, or if the stamps do not increase, image n
-        has the time n / fps. For image files n is the number in the name; if these numbers do not increase, it is the
-        position of the file in the order. All are moved by begin_s.
+        An image of a video has the time of its stamp; where a few do not increase, these are interpolated. If the user
+        gave fps, or if most do not increase, image n has the time n / fps. For image files n is the number in the name;
+        if these numbers do not increase, it is the position of the file in the order. All are moved by begin_s.
+
+        Warns:
+            UserWarning: some stamps do not increase.
         """
         return self.begin_s + self._own_times_s(stamps_s)
 
@@ -154,9 +159,17 @@ class Clip:
         if self.files:
             assert self.given_fps is not None
             return _frame_numbers(self.files)[: len(index)] / self.given_fps
-        if self.given_fps is None and (np.diff(stamps_s) > 0).all() and np.isfinite(stamps_s).all():
-            return stamps_s.astype(float)
-        return index / self.fps
+        if self.given_fps is not None or np.isnan(stamps_s).all():
+            return index / self.fps
+        times_s, bad = repaired(stamps_s, 1 / self.fps)
+        if len(bad):
+            taken = "they are interpolated" if times_s is not None else f"all are taken at {self.fps:g} images a second"
+            warnings.warn(
+                f"{self.path}: {len(bad)} of {len(index)} time stamps do not increase, first that of image {bad[0]}; "
+                f"{taken}",
+                stacklevel=3,
+            )
+        return index / self.fps if times_s is None else times_s
 
     def first(self, n_images: int) -> Clip:
         """The same without the images after so many."""

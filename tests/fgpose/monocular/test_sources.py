@@ -91,12 +91,6 @@ def test_stamps_are_read_without_decoding(tmp_path: Path, video_writer: Writer) 
     np.testing.assert_array_equal(open_clip("b", folder, 10.0).stamps_s(), [np.nan, np.nan])
 
 
-def test_stamps_that_do_not_increase_are_not_believed(tmp_path: Path, video_writer: Writer) -> None:
-    clip = open_clip("a", video_writer(tmp_path / "a.mp4", [grey(50)] * 4, 25.0))
-    np.testing.assert_allclose(clip.times_s(np.array([0.0, 0.1, 0.1, 0.2])), np.arange(4) / 25)
-    np.testing.assert_allclose(clip.times_s(np.array([0.0, 0.1, 0.15, 0.2])), [0.0, 0.1, 0.15, 0.2])
-
-
 def test_images_come_in_natural_order_at_the_times_of_their_numbers(tmp_path: Path) -> None:
     # Frame 3 was dropped.
     folder = write_images(tmp_path / "a", ["f2.png", "f10.png", "f1.png", "f4.png"], [20, 100, 10, 40])
