@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.names import frame_numbers, visible
+from fgpose.monocular.edit_list import shown_share
 from fgpose.monocular.network import Image
 from fgpose.monocular.stamps import repaired
 from fgpose.plain_files import MAX_IMAGE_PX, check_plain, open_plain
@@ -54,13 +55,16 @@ class Clip:
     size_px: tuple[int, int]
     """Width and height."""
     n_images: int
-    """As the file says; a damaged video holds fewer."""
+    """As the file says, without what its edit list cuts; a damaged video holds fewer. Where the file states how long it
+    lasts only, as MKV does, it is what its rate would give."""
     fps: float
     """Images per second."""
     given_fps: float | None = None
     """Given by the user; overrides what the file says."""
     files: tuple[Path, ...] = ()
     """Of a folder of images, in natural order; empty for a video."""
+    own_fps: float = float("nan")
+    """As the file of a video says."""
     begin_s: float = 0.0
     """Added to all times: when it begins by the clock of the rig, where cameras began at different moments."""
 
@@ -271,7 +275,8 @@ def _open_file(name: str, path: Path, fps: float | None) -> Clip:
     finally:
         video.release()
     height, width = image.shape[:2]
-    return Clip(name, path, (width, height), n_images, fps or own_fps, fps)
+    n_images = max(1, round(n_images * shown_share(path)))
+    return Clip(name, path, (width, height), n_images, fps or own_fps, fps, own_fps=own_fps)
 
 
 def image_files(folder: Path) -> tuple[Path, ...]:

@@ -160,10 +160,18 @@ class _View:
         self._stored = state
 
     def warn_if_lost(self) -> None:
-        if self._ended and len(self._people) < self._clip.n_images - _LOST_IMAGES:
+        clip, n_images = self._clip, len(self._people)
+        if not self._ended or clip.files or n_images >= clip.n_images - _LOST_IMAGES:
+            return
+        # The number that a container states may be a guess: images are missing where none comes for a while.
+        taken_s = [0.0, *self._stamps_s, clip.n_images / clip.own_fps]
+        steps_s = np.diff(taken_s)
+        longest = int(steps_s.argmax())
+        if not steps_s[longest] <= (_LOST_IMAGES + 1) * np.median([*steps_s[1:-1], 1 / clip.own_fps]):
+            goes_on = f" to {taken_s[longest + 1]:.2f} s" if longest < n_images else ""
             warnings.warn(
-                f"{self._clip.path}: only {len(self._people)} of {self._clip.n_images} images can be decoded; "
-                "from there the camera sees nothing",
+                f"{clip.path}: only {n_images} of {clip.n_images} images can be decoded; "
+                f"from {taken_s[longest]:.2f} s{goes_on} the camera sees nothing",
                 stacklevel=2,
             )
 
