@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import Camera
 from fgpose.io.arrays import checked, read_arrays, texts, write_arrays
-from fgpose.io.code_digest import code_digest
+from fgpose.io.code_digest import class_digest, code_digest
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.network import Network, People
 
@@ -67,11 +67,12 @@ def _part(people: People, start: int, stop: int) -> People:
 def cache_path(folder: Path, clip: Clip, network: Network, camera: Camera) -> Path:
     """The file for what this network finds in this clip. Its name changes with whatever the detections depend on.
 
-    These are the content of the clip, the network, the image size and the intrinsics, and the code of this package; not
-    the pose of the camera. Raises OSError if the clip cannot be read.
+    These are the content of the clip, the network, the image size and the intrinsics, the code of this package and
+    that of the network if it is of another; not the pose of the camera. Raises OSError if the clip cannot be read.
     """
     intrinsics = (camera.size_px, camera.K.tolist(), camera.distortion.tolist(), camera.lens)
-    parts = (code_digest(Path(__file__).parent), clip.fingerprint(), network.name, network.skeleton.joints, intrinsics)
+    code = code_digest(Path(__file__).parent), class_digest(type(network))
+    parts = (code, clip.fingerprint(), network.name, network.skeleton.joints, intrinsics)
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
     return folder / f"{clip.name}-{digest}.npz"
 

@@ -1,18 +1,22 @@
 from __future__ import annotations
 
+import importlib
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from fgpose.io.code_digest import code_digest
+from fgpose.io.code_digest import class_digest, code_digest
 from fgpose.monocular import detection, detection_cache
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
 from fgpose.monocular.detection_cache import ViewDetections, cache_path, load_detections, store_detections
 from fgpose.monocular.network import People
+from fgpose.monocular.networks.blazepose import BlazePose
 from fgpose.monocular.sources import Sources, open_sources
 
 if TYPE_CHECKING:
@@ -259,3 +263,39 @@ def test_the_digest_is_of_all_modules_below(tmp_path: Path) -> None:
     one = code_digest.__wrapped__(package)
     (package / "inner" / "crops.py").write_text("two")
     assert code_digest.__wrapped__(package) != one
+
+
+@pytest.mark.parametrize("corrected", ["own_network.py", "own_tracker.py", "own_helpers.py"])
+def test_detections_of_a_corrected_network_of_another_package_are_made_anew(
+    corrected: str,
+    sources: Sources,
+    squares_network: SquaresNetwork,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "own_helpers.py").write_text("def helper():\n    pass\n")
+    (tmp_path / "own_tracker.py").write_text("class Tracker:\n    pass\n")
+    (tmp_path / "own_network.py").write_text(
+        "from own_helpers import helper\nfrom own_tracker import Tracker\n\n\nclass Network:\n    pass\n"
+    )
+    for name in ("own_network", "own_tracker", "own_helpers"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    network = importlib.import_module("own_network").Network()
+    network.name, network.skeleton, network.tracker = "mine", squares_network.skeleton, squares_network.tracker
+
+    def path() -> Path:
+        return cache_path(tmp_path, sources.clips[0], network, sources.rig.cameras[0])
+
+    before = path()
+    assert path() == before
+    with (tmp_path / corrected).open("a") as file:
+        file.write("# corrected\n")
+    assert path() != before
+
+
+def test_code_of_fgpose_and_of_a_session_is_in_no_file_of_a_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    session = ModuleType("session")
+    monkeypatch.setitem(sys.modules, "session", session)
+    nothing = class_digest(type("TypedIn", (), {"__module__": "session"}))
+    assert nothing == class_digest(BlazePose) != class_digest(type("OfTests", (), {"__module__": __name__}))
