@@ -12,17 +12,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.names import frame_numbers, visible
 from fgpose.monocular.edit_list import shown_share
+from fgpose.monocular.image_files import check_headers, check_size, image_files, numbers_of, read_image, rgb
 from fgpose.monocular.network import Image
 from fgpose.monocular.stamps import repaired
-from fgpose.plain_files import MAX_IMAGE_PX, check_plain, open_plain
+from fgpose.plain_files import check_plain
 
 if TYPE_CHECKING:
     import cv2
 
 VIDEO_SUFFIXES = frozenset((".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv"))
-IMAGE_SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
 
 # Cameras are decoded in parallel; more threads for each would only wait for each other.
 _DECODER_THREADS = 1
@@ -84,12 +83,8 @@ class Clip:
         """
         images = self._of_files(start) if self.files else self._of_video(start)
         for picture in images:
-            height, width = picture.image.shape[:2]
-            if (width, height) != self.size_px:
-                where = self.files[picture.number] if self.files else f"{self.path}, frame {picture.number}"
-                raise ValueError(
-                    f"{where}: the image is {width} x {height}, the first is {self.size_px[0]} x {self.size_px[1]}"
-                )
+            where = self.files[picture.number] if self.files else f"{self.path}, frame {picture.number}"
+            check_size(picture.image, self.size_px, where)
             yield picture
 
     def images_at(self, numbers: Sequence[int]) -> dict[int, Image]:
@@ -103,7 +98,7 @@ class Clip:
             ValueError: an image cannot be read; the message names the file.
         """
         if self.files:
-            yield from ((number, _read_image(self.files[number])) for number in numbers if number < len(self.files))
+            yield from ((number, read_image(self.files[number])) for number in numbers if number < len(self.files))
             return
         video = _open_video(self.path)
         try:
@@ -116,7 +111,7 @@ class Clip:
                     break
                 read, image = video.retrieve()
                 if read:
-                    yield number, _rgb(image)
+                    yield number, rgb(image)
         finally:
             video.release()
 
@@ -162,7 +157,7 @@ class Clip:
         index = np.arange(len(stamps_s))
         if self.files:
             assert self.given_fps is not None
-            return _frame_numbers(self.files)[: len(index)] / self.given_fps
+            return numbers_of(self.files)[: len(index)] / self.given_fps
         if self.given_fps is not None or np.isnan(stamps_s).all():
             return index / self.fps
         times_s, bad = repaired(stamps_s, 1 / self.fps)
@@ -196,7 +191,7 @@ class Clip:
 
     def _of_files(self, start: int) -> Iterator[ClipImage]:
         for index in range(start, len(self.files)):
-            yield ClipImage(index, float("nan"), _read_image(self.files[index]))
+            yield ClipImage(index, float("nan"), read_image(self.files[index]))
 
     def _of_video(self, start: int) -> Iterator[ClipImage]:
         import cv2
@@ -214,14 +209,15 @@ class Clip:
                 read, image = video.retrieve()
                 if not read:
                     return
-                yield ClipImage(index, stamp_s, _rgb(image))
+                yield ClipImage(index, stamp_s, rgb(image))
                 index += 1
         finally:
             video.release()
 
 
 def open_clip(name: str, path: Path, fps: float | None = None) -> Clip:
-    """Probe a video or a folder of images: size, number and rate of its images. The first one is decoded.
+    """Probe a video or a folder of images: size, number and rate of its images. The first one is decoded, of image
+    files the header of each is read.
 
     Args:
         name: of the camera.
@@ -244,8 +240,9 @@ def _open_folder(name: str, path: Path, fps: float | None) -> Clip:
         raise ValueError(f"{path}: no images")
     if fps is None:
         raise ValueError(f"{path}: images have no times; give the frames per second (fps, or --fps)")
-    height, width = _read_image(files[0]).shape[:2]
-    numbers = _frame_numbers(files)
+    height, width = read_image(files[0]).shape[:2]
+    check_headers(files, (width, height))
+    numbers = numbers_of(files)
     step = float(np.median(np.diff(numbers))) if len(files) > 1 else 1.0
     if step > _MAX_FRAMES_PER_IMAGE:
         raise ValueError(
@@ -279,19 +276,6 @@ def _open_file(name: str, path: Path, fps: float | None) -> Clip:
     return Clip(name, path, (width, height), n_images, fps or own_fps, fps, own_fps=own_fps)
 
 
-def image_files(folder: Path) -> tuple[Path, ...]:
-    """The image files of a folder in natural order. Raises OSError if it cannot be listed."""
-    return tuple(file for file in visible(folder) if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file())
-
-
-def _frame_numbers(files: tuple[Path, ...]) -> np.ndarray:
-    """The number in each name that counts, or the place in the order where these numbers do not increase."""
-    names = [file.stem for file in files]
-    found = frame_numbers(names, files[0].parent.name)
-    numbers = np.array([np.nan if found[name] is None else float(found[name] or 0) for name in names])
-    return numbers if (np.diff(numbers) > 0).all() and np.isfinite(numbers).all() else np.arange(len(files)) * 1.0
-
-
 def _open_video(path: Path, options: Sequence[int] = ()) -> cv2.VideoCapture:
     """With options of OpenCV: numbers of properties, each with its value."""
     import cv2
@@ -301,23 +285,3 @@ def _open_video(path: Path, options: Sequence[int] = ()) -> cv2.VideoCapture:
     if not video.isOpened():
         raise ValueError(f"{path}: not a video, or a damaged or truncated one")
     return video
-
-
-def _read_image(path: Path) -> Image:
-    import cv2
-
-    with open_plain(path) as stream:
-        content = np.frombuffer(stream.read(), np.uint8)
-    try:
-        image = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
-    except cv2.error:
-        raise ValueError(f"{path}: not an image, or one of more than {MAX_IMAGE_PX} pixels") from None
-    if image is None:
-        raise ValueError(f"{path}: not an image, or a damaged one")
-    return _rgb(image)
-
-
-def _rgb(image: Image) -> Image:
-    import cv2
-
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -12,7 +12,8 @@ from fgpose.association.common_clock import is_far_off
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.io.names import match_cameras, named_cameras, visible
-from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
+from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, open_clip
+from fgpose.monocular.image_files import image_files
 from fgpose.plain_files import naming
 
 # Cameras that are stopped one after the other end within a few frames.

@@ -21,7 +21,8 @@ from fgpose.io.calibration.calibrated_view import CalibratedView, rig_in_metres
 from fgpose.io.tables import read_table
 from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.live.sources.folder import _read as read_live_image
-from fgpose.monocular.clips import _open_video, _read_image
+from fgpose.monocular.clips import _open_video
+from fgpose.monocular.image_files import read_image
 from fgpose.plain_files import MAX_CAMERAS, MAX_MESSAGE, naming
 from fgpose.study import load_study
 
@@ -30,7 +31,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "study": load_study,
     "live rig": load_live_rig,
     "video": _open_video,
-    "image": _read_image,
+    "image": read_image,
 }
 
 
@@ -100,7 +101,7 @@ def png(side_px: int) -> bytes:
 def test_an_image_of_too_many_pixels_is_refused(side_px: int, tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(png(side_px))
     with pytest.raises(ValueError, match=r"a\.png: not an image, or one of more than 134217728 pixels"):
-        _read_image(tmp_path / "a.png")
+        read_image(tmp_path / "a.png")
     assert read_live_image(tmp_path / "a.png") is None
 
 

@@ -9,7 +9,7 @@ from fgpose.live.cameras.image import ArrayPicture, Picture, SourceImage
 from fgpose.live.sources.frame_dropping import Dropping, Lateness
 from fgpose.live.sources.playback import Playback
 from fgpose.live.sources.source import SourceError
-from fgpose.monocular.clips import image_files
+from fgpose.monocular.image_files import image_files
 from fgpose.plain_files import check_plain
 
 

@@ -208,7 +208,7 @@ def test_an_image_of_another_size_is_named(
     shutil.copytree(filmed[0], folder)
     cv2.imwrite(str(folder / "ring_1" / "003.png"), np.zeros((50, 50), np.uint8))
     arguments = ["calibrate", str(folder), "--board", FILMED.text, "-o", str(tmp_path / "rig.toml")]
-    assert "ring_1, image 3: its size is not that of the first image" in failure(arguments, capsys)
+    assert "003.png: the image is 50 x 50, the first is 640 x 360" in failure(arguments, capsys)
 
 
 def test_a_board_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
