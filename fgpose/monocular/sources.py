@@ -16,6 +16,9 @@ from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, open_clip
 from fgpose.monocular.image_files import image_files
 from fgpose.plain_files import naming
 
+# Numbers of images that go up by more than this in all cameras may be times.
+_USUAL_FRAMES_PER_IMAGE = 5
+_MILLISECONDS_HZ = 1000.0
 # Cameras that are stopped one after the other end within a few frames.
 _EARLY_S = 0.1
 
@@ -69,6 +72,9 @@ def find_clips(
         cameras: use only these, in this order.
         fps_of_images: of folders of images, where fps is not given: their times are their numbers divided by this.
 
+    Warns:
+        UserWarning: numbers of images may be milliseconds.
+
     Raises:
         ValueError: as open_sources; a camera has no video.
         OSError: a file cannot be opened.
@@ -78,7 +84,10 @@ def find_clips(
     with naming(path):
         names = named_cameras(cameras or found, found)
     each = [(name, found[own]) for name, own in names.items()]
-    return tuple(open_clip(name, own, fps or (fps_of_images if own.is_dir() else None)) for name, own in each)
+    clips = tuple(open_clip(name, own, fps or (fps_of_images if own.is_dir() else None)) for name, own in each)
+    if fps is not None:
+        _warn_of_milliseconds(path, clips, fps)
+    return clips
 
 
 def open_sources(
@@ -96,7 +105,8 @@ def open_sources(
         cameras: use only these, in this order. Calibration and videos may then have cameras that the other lacks.
 
     Warns:
-        UserWarning: the size of a video differs from that of its calibration, or it ends early.
+        UserWarning: the size of a video differs from that of its calibration, it ends early, or the numbers of images
+            may be milliseconds.
 
     Raises:
         ValueError: there are no videos, they do not match the calibration, one is damaged or empty, an image cannot be
@@ -107,6 +117,8 @@ def open_sources(
     found = _find(path)
     matched, rig = _matched(path, found, rig, cameras)
     clips = tuple(open_clip(name, found[matched[name]], fps) for name in rig.names)
+    if fps is not None:
+        _warn_of_milliseconds(path, clips, fps)
     fitted = CameraRig(
         tuple(fitted_camera(camera, clip.size_px, clip.path) for camera, clip in zip(rig.cameras, clips, strict=True))
     )
@@ -172,3 +184,13 @@ def _warn_of_early_ends(clips: tuple[Clip, ...]) -> None:
                 "from there the camera sees nothing",
                 stacklevel=3,
             )
+
+
+def _warn_of_milliseconds(path: Path, clips: tuple[Clip, ...], fps: float) -> None:
+    steps = [fps / clip.fps for clip in clips]
+    if fps != _MILLISECONDS_HZ and min(steps) > _USUAL_FRAMES_PER_IMAGE:
+        warnings.warn(
+            f"{path}: the numbers of the images go up by {steps[0]:g}: taken as {clips[0].fps:.3g} images a second; "
+            f"if they are milliseconds, give --fps {_MILLISECONDS_HZ:g}",
+            stacklevel=3,
+        )

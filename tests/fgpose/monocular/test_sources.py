@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresScene
 
 SIZE_PX = (64, 48)
-# EXIF that says that the image is to be turned by 90 degrees.
-TURNED = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
 Writer = Callable[[Path, list[np.ndarray], float], Path]
 
 
@@ -125,50 +123,6 @@ def test_a_damaged_video_is_named(content: bytes | str, tmp_path: Path, video_wr
     path.write_bytes(path.read_bytes()[:500] if isinstance(content, str) else content)
     with pytest.raises(ValueError, match=r"cam\.mp4: .*(empty|damaged)"):
         open_clip("cam", path)
-
-
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".webp", ".tif"])
-def test_bad_images_are_named_before_any_work(suffix: str, tmp_path: Path) -> None:
-    names = [f"{n}{suffix}" for n in (1, 2, 3)]
-    folder = write_images(tmp_path / "a", names, [1, 2, 3])
-    assert open_clip("a", folder, 10.0).n_images == 3
-    for content in (b"", b"no image at all", (folder / names[1]).read_bytes()[:20]):
-        (folder / names[1]).write_bytes(content)
-        with pytest.raises(ValueError, match=rf"2\{suffix}: not an image"):
-            open_clip("a", folder, 10.0)
-    cv2.imwrite(str(folder / names[1]), grey(2, (32, 24)))
-    with pytest.raises(ValueError, match=rf"2\{suffix}: the image is 32 x 24, the first is 64 x 48"):
-        open_clip("a", folder, 10.0)
-    (folder / names[0]).write_bytes(b"")
-    with pytest.raises(ValueError, match=rf"1\{suffix}: not an image"):
-        open_clip("a", folder, 10.0)
-
-
-def test_an_image_that_is_damaged_behind_its_header_is_named(tmp_path: Path) -> None:
-    folder = write_images(tmp_path / "a", ["1.png", "2.png"], [1, 2])
-    (folder / "2.png").write_bytes((folder / "2.png").read_bytes()[:34])
-    with pytest.raises(ValueError, match=r"2\.png: not an image"):
-        list(open_clip("a", folder, 10.0).pictures())
-
-
-def test_images_of_several_formats_and_turned_ones_are_of_one_size(tmp_path: Path) -> None:
-    folder = write_images(tmp_path / "a", ["1.png", "2.jpg", "3.tif"], [1, 2, 3])
-    cv2.imwriteWithMetadata(
-        str(folder / "4.jpg"), grey(4, (48, 64)), [cv2.IMAGE_METADATA_EXIF], [np.frombuffer(TURNED, np.uint8)]
-    )
-    clip = open_clip("a", folder, 10.0)
-    assert [picture.image.shape for picture in clip.pictures()] == [(48, 64, 3)] * 4
-
-
-def test_images_whose_headers_are_not_known_are_not_all_decoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = write_images(tmp_path / "a", ["1.png", "2.png", "3.png"], [1, 2, 3])
-    monkeypatch.setattr("imagesize.get", lambda file: (-1, -1))
-    decoded = list[Path]()
-    monkeypatch.setattr("fgpose.monocular.clips.read_image", lambda file: decoded.append(file) or grey(1))
-    open_clip("a", folder, 10.0)
-    assert [file.name for file in decoded] == ["1.png"]
 
 
 def test_images_need_a_frame_rate(tmp_path: Path) -> None:
