@@ -74,6 +74,9 @@ class Report:
 
         if self.world_up != "auto":
             raise ValueError("--world-up: a study says what is up in its file (steps.world_up), also of its tables")
+        for option in ("name", "rig", "keypoints", "fps", "videos"):
+            if getattr(self, option) is not None:
+                raise ValueError(f"--{option} is of a single result; {self.results} is a study, which says it itself")
         path = self._path(self.results)
         check_replaceable(path)
         with progress_bar("reporting", "recordings") as progress:

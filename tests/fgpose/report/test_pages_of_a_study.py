@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from finished_walk import finished_walk
 
+from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.studies.results import write_rows
 from fgpose.io.trajectories import save_trajectory
@@ -55,3 +56,13 @@ def test_a_page_is_written_again_for_events_of_its_recording(
     found = written(tmp_path)
     assert found.keys() == set(TRIALS)
     assert all("stumble" not in page for page in found.values())
+
+
+@pytest.mark.parametrize("option", [("--rig", "rig.toml"), ("--name", "walk"), ("--fps", "50")])
+def test_what_a_study_says_itself_is_no_option_of_its_report(
+    option: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_rows([{"recording": "S01/A/walk", "status": "done"}], tmp_path / "quality.parquet")
+    assert main(["report", str(tmp_path), *option]) == 2
+    assert f"{option[0]} is of a single result; {tmp_path} is a study" in capsys.readouterr().err.replace("\n", " ")
+    assert [path.name for path in tmp_path.iterdir()] == ["quality.parquet"]
