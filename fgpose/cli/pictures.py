@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fgpose.viewer import CalibrationRecording
     from fgpose.viewer.recording import Session
 
-# An image belongs to a frame if it is the nearest and no further away than this share of the usual step.
+# An image belongs to a frame if it is no further away than this share of the usual step between images.
 _REACH = 0.6
 
 
@@ -40,7 +40,7 @@ def show_images(detected: Detected, rig: CameraRig, time_s: Float[np.ndarray, " 
     for camera, clip, view in zip(cameras, detected.sources.clips, detected.views, strict=True):
         stamp_s = clip.times_s(view.stamps_s) - clip.begin_s
         taken_s.append(stamp_s + later_s(camera, stamp_s))
-    show_matched_images(detected.sources, _in_nearest_frames(taken_s, time_s), time_s, recording)
+    show_matched_images(detected.sources, _nearest_images(taken_s, time_s), time_s, recording)
 
 
 def show_matched_images(
@@ -101,25 +101,15 @@ def show_board_images(
     show_matched_images(Sources(seen.rig, tuple(clips)), image, seen.walk.time_s, recording)
 
 
-def _in_nearest_frames(
-    taken_s: Sequence[Float[np.ndarray, " _"]], time_s: Float[np.ndarray, " frame"]
-) -> Int[np.ndarray, "frame camera"]:
-    """The image of each camera that belongs to each frame: each belongs to the nearest; NO_IMAGE: there is none."""
-    image = np.full((len(time_s), len(taken_s)), NO_IMAGE)
-    for c, own_s in enumerate(taken_s):
-        frame = nearest(own_s, time_s)
-        is_near = np.abs(time_s[frame] - own_s) <= _REACH * usual_step_s(time_s)
-        image[frame[is_near], c] = np.flatnonzero(is_near)
-    return image
-
-
 def _nearest_images(
     taken_s: Sequence[Float[np.ndarray, " _"]], time_s: Float[np.ndarray, " frame"]
 ) -> Int[np.ndarray, "frame camera"]:
-    """Of each camera the image that is nearest to each frame; NO_IMAGE: none is near."""
-    image = np.full((len(time_s), len(taken_s)), NO_IMAGE)
+    """Of each camera the image that is nearest to each frame, if no other frame is nearer to it; NO_IMAGE: there is
+    none."""
+    image, frames = np.full((len(time_s), len(taken_s)), NO_IMAGE), np.arange(len(time_s))
     for c, own_s in enumerate(taken_s):
         number = nearest(time_s, own_s)
         is_near = np.abs(own_s[number] - time_s) <= _REACH * usual_step_s(own_s)
-        image[is_near, c] = number[is_near]
+        belongs = is_near & (nearest(own_s, time_s)[number] == frames)
+        image[belongs, c] = number[belongs]
     return image
