@@ -63,7 +63,7 @@ def write_c3d(
         poses: of its segments, from the same trajectory. They stand in the group ROTATION, named as Visual3D does
             (left_thigh_4X4): 4x4 matrices that take the segment's axes (x forward, y up, z to the right) and origin
             (in millimetres) to the world. NaN where a rotation is not determined.
-        made_by: command of fgpose, which is then said in MANUFACTURER:SOFTWARE.
+        made_by: see Origin.maker; it is then said in MANUFACTURER:SOFTWARE.
 
     Raises:
         ImportError: ezc3d is not installed.

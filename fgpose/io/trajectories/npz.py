@@ -23,7 +23,7 @@ def write_npz(trajectory: Trajectory, path: Path, made_by: str = "") -> None:
     Arrays time_s (T,), positions_m (T, J, 3), status (T, J), and where they are known covariance_m2 (T, J, 3, 3),
     residual_px and visibility (T, C, J), frame_numbers (T,); status_names: what the numbers in status mean; joints:
     their names. The rest as texts of the same names as the fields of Trajectory, in JSON, the config in TOML. made_by,
-    where it is known: the command of fgpose.
+    where it is known: see Origin.maker.
 
     Raises:
         OSError: the file cannot be written.

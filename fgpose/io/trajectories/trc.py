@@ -42,7 +42,7 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_
 
     Args:
         world_up: what is up in the trajectory's world; z is mapped to OpenSim's y as Pose2Sim does.
-        made_by: command of fgpose, which is then said behind the name of the file in the first line.
+        made_by: see Origin.maker; it is then said behind the name of the file in the first line.
 
     Raises:
         ValueError: the times do not increase.
