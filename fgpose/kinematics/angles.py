@@ -13,7 +13,7 @@ from fgpose.geometry.up_axis import WorldUp, z_up, z_up_R_world
 from fgpose.kinematics import definitions
 from fgpose.kinematics.definitions import angles_of
 from fgpose.kinematics.landmarks import landmarks, points_of
-from fgpose.kinematics.propagation import mean_squares_rad2, within_half_turn
+from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.shown import OverTime
 from fgpose.shown.unknown_names import did_you_mean
 from fgpose.skeleton import Skeleton
@@ -56,22 +56,21 @@ class JointAngles(OverTime):
         return self.angle_deg[:, self.names.index(name)]
 
     def quantiles_deg(self, shares: Sequence[float]) -> Float[np.ndarray, "share angle"]:
-        """Quantiles of each angle over time, NaN where it is never determined: on the circle, opened opposite to the
-        mean direction, so that one that goes on at -180 when it has reached 180 has no quantiles in between. They may
-        be beyond 180, where the median is within.
+        """Quantiles of each angle over time, NaN where it is never determined: on the circle, opened where no angle is
+        for the farthest, so that one that goes on at -180 when it has reached 180 has no quantiles in between. They
+        may be beyond 180, where the median is within.
 
         Args:
             shares: of the frames in which an angle is determined, from 0 to 1.
         """
         quantiles_deg = np.full((len(shares), len(self.names)), np.nan)
-        for index, angle_rad in enumerate(np.deg2rad(self.angle_deg.T)):
-            known_rad = angle_rad[np.isfinite(angle_rad)]
-            if len(known_rad):
-                mean_rad = float(np.angle(np.mean(np.exp(1j * known_rad))))
-                about_rad = within_half_turn(known_rad - mean_rad)
-                median_rad = np.median(about_rad)
-                from_median_rad = np.quantile(about_rad, shares) - median_rad
-                quantiles_deg[:, index] = np.rad2deg(within_half_turn(mean_rad + median_rad) + from_median_rad)
+        for index, angle_deg in enumerate(self.angle_deg.T):
+            ordered_deg = np.sort(angle_deg[np.isfinite(angle_deg)] % 360)
+            if len(ordered_deg):
+                first = int(np.argmax(np.diff(ordered_deg, prepend=ordered_deg[-1] - 360)))
+                opened_deg = np.append(ordered_deg[first:], ordered_deg[:first] + 360)
+                turns = np.floor((np.median(opened_deg) + 180) / 360)
+                quantiles_deg[:, index] = np.quantile(opened_deg, shares) - 360 * turns
         return quantiles_deg
 
 

@@ -49,10 +49,9 @@ def mean_squares_rad2(
     for axis_m in principal_axes(covariance_m2):
         for step in (-_STEP, _STEP):
             for name, angle in angles_rad(position_m + step * axis_m).items():
-                mean_square[name] += _WEIGHT * within_half_turn(angle - at[name]) ** 2
+                mean_square[name] += _WEIGHT * _wrapped(angle - at[name]) ** 2
     return mean_square
 
 
-def within_half_turn(angle_rad: Float[np.ndarray, "*angles"] | float) -> Float[np.ndarray, "*angles"]:
-    """The same direction, from -pi up to pi."""
-    return np.asarray((angle_rad + np.pi) % (2 * np.pi) - np.pi)
+def _wrapped(angle_rad: np.ndarray) -> np.ndarray:
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi

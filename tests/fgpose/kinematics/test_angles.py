@@ -234,5 +234,9 @@ def test_quantiles_of_a_heading_do_not_depend_on_where_the_world_s_axes_point() 
         off_deg = found_deg - plain_deg - heading_deg
         np.testing.assert_allclose(off_deg, np.full(3, np.round(off_deg[0] / 360) * 360), atol=1e-9)
         assert -180 <= found_deg[1] < 180
+    # Mostly at one end of a wide range.
+    wide_deg = np.append(np.full(900, -50.0), np.linspace(-60, 175, 100))
+    wide = JointAngles(("a",), np.arange(1000.0), wide_deg[:, None], np.ones((1000, 1)))
+    np.testing.assert_allclose(wide.quantiles_deg((0.0, 0.5, 1.0))[:, 0], [-60, -50, 175], atol=1e-9)
     nowhere = JointAngles(("a",), np.zeros(1), np.full((1, 1), np.nan), np.ones((1, 1)))
     assert np.isnan(nowhere.quantiles_deg((0.5,))).all()
