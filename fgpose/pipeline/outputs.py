@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import math
 import os
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -225,8 +226,13 @@ class Outputs:
 
 
 def _of_single_people(path: Path) -> Iterator[Path]:
-    """The files beside it that an earlier run wrote for each of several people."""
-    return path.parent.glob(f"{glob.escape(path.stem)}_person*{path.suffix}")
+    """The files beside it that an earlier run wrote for each of several people; none of a table, which holds everybody.
+    What has a table of its own is a result of that name."""
+    if people_paths(path, (0, 1)) == (path,):
+        return iter(())
+    numbered = re.compile(rf"{re.escape(path.stem)}_person\d+{re.escape(path.suffix)}")
+    beside = path.parent.glob(f"{glob.escape(path.stem)}_person*{path.suffix}")
+    return (file for file in beside if numbered.fullmatch(file.name) and not file.with_suffix(".parquet").exists())
 
 
 def _require_rerun() -> None:
@@ -261,6 +267,9 @@ def write_outputs(
     writers: dict[Path | str, Callable[[], object]] = {
         path: partial(save_people, of_path, path, outputs.world_up, time_s, origin) for path, of_path in people.items()
     }
+    if outputs.rrd.is_file() and "rrd" in outputs.formats and viewer is None:
+        # It is written last: a run that is killed before would leave the one of another run beside the new files.
+        outputs.rrd.unlink()
     written = write_all(writers | _viewer_writers(result, outputs, viewer, display))
     files = {target: people_paths(target, people[target]) if target in people else [target] for target in written}
     for target in people.keys() & files.keys():

@@ -30,7 +30,7 @@ from fgpose.io.content import read_content
 from fgpose.io.keypoints import detections, save_observations
 from fgpose.io.origin import Origin
 from fgpose.io.recordings import load_recording
-from fgpose.io.trajectories import load_trajectory, save_people
+from fgpose.io.trajectories import load_trajectory, save_people, save_trajectory
 from fgpose.observations import Observations
 from fgpose.pipeline import (
     Outputs,
@@ -152,12 +152,33 @@ def test_several_trajectories_have_files_of_their_own(tmp_path: Path, tracked: R
 
 def test_people_that_an_earlier_run_found_do_not_stay_beside_a_result(tmp_path: Path, smoothed: Result) -> None:
     (walker,) = smoothed.main.values()
-    earlier, of_others = tmp_path / "walk.trc", tmp_path / "walk_person7.trc"
-    save_people({0: walker, 1: walker}, earlier, origin=Origin(step="smooth"))
+    earlier, of_others, origin = tmp_path / "walk.trc", tmp_path / "walk_person7.trc", Origin(step="smooth")
+    save_people({0: walker, 1: walker}, earlier, origin=origin)
     of_others.write_text("somebody's own")
-    outputs = Outputs(tmp_path, "walk", ("trc",), step="smooth")
-    assert write_outputs(smoothed, outputs) == (earlier,)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["walk.trc", "walk_person7.trc"]
+    # Results of other names, although they look alike.
+    named = {tmp_path / f"walk_person{name}" for name in ("_adaptive.trc", "2.trc", "2.parquet", "3.parquet")}
+    for path in named:
+        save_trajectory(walker, path, origin=origin)
+    outputs = Outputs(tmp_path, "walk", ("trc", "parquet"), step="smooth")
+    assert write_outputs(smoothed, outputs) == (earlier, tmp_path / "walk.parquet")
+    assert set(tmp_path.iterdir()) == {earlier, tmp_path / "walk.parquet", of_others, *named}
+
+
+def test_a_run_that_is_killed_while_it_writes_leaves_no_file_of_the_viewer_from_before(
+    tmp_path: Path, smoothed: Result
+) -> None:
+    outputs = Outputs(tmp_path, "walk", ("parquet", "rrd"))
+    write_outputs(smoothed, outputs)
+
+    class Killed(BaseException):
+        pass
+
+    def killed(result: Result, recording: Recording) -> None:
+        raise Killed
+
+    with pytest.raises(Killed):
+        write_outputs(smoothed, outputs, display=killed)
+    assert [path.name for path in tmp_path.iterdir()] == ["walk.parquet"]
 
 
 def test_a_recording_is_gathered_once(source: Source[Observations], monkeypatch: pytest.MonkeyPatch) -> None:
