@@ -19,11 +19,16 @@ def code_digest(package: Path) -> str:
 
 
 def class_digest(cls: type) -> str:
-    """Of the source files of a class of another package: those of its bases, and of what their modules use of classes,
-    functions and modules of their package. Not of fgpose and Python, nor of what is typed into a session."""
-    names = [base.__module__ for base in cls.__mro__ if not _is_known(base.__module__)]
-    modules = [sys.modules[name] for name in names if name in sys.modules]
-    used = [each for module in modules for each in list(vars(module).values()) if _is_used(each, module.__name__)]
+    """Of the source files of a class of another package: those of its bases, of the classes and functions that their
+    modules use, and all loaded modules of its own package. Not of fgpose and Python, nor of what is typed into a
+    session."""
+    of_bases = {base.__module__ for base in cls.__mro__}
+    modules = [
+        module
+        for name, module in list(sys.modules.items())
+        if not _is_known(name) and (name in of_bases or _package(name) == _package(cls.__module__))
+    ]
+    used = [each for module in modules for each in list(vars(module).values()) if _is_code(each)]
     contents = set[bytes]()
     for each in (*modules, *used):
         try:
@@ -35,9 +40,7 @@ def class_digest(cls: type) -> str:
     return hashlib.sha256(b"".join(sorted(hashlib.sha256(each).digest() for each in contents))).hexdigest()
 
 
-def _is_used(value: object, module: str) -> bool:
-    if inspect.ismodule(value):
-        return _package(value.__name__) == _package(module)
+def _is_code(value: object) -> bool:
     return (inspect.isclass(value) or inspect.isfunction(value)) and not _is_known(str(value.__module__))
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -11,6 +11,7 @@ from jaxtyping import Float, UInt8
 
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.per_view.absolute_pose import AbsolutePose
+from fgpose.observations import positive_definite
 from fgpose.skeleton import Skeleton
 
 Image = UInt8[np.ndarray, "height width 3"]
@@ -30,6 +31,7 @@ def checked_image(image: np.ndarray, camera: Camera) -> Image:
 
 # What rounding may add to a confidence.
 _ROUNDING = 0.01
+_LARGEST = 1e30  # cached in single precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,36 +131,48 @@ class Network(Protocol):
 
 
 def people_in(image: Image, tracker: Tracker, network: Network) -> People:
-    """What a tracker of a network finds in the next image, checked.
+    """What a tracker of a network finds in the next image, checked, and copied: it may fill the same arrays again.
 
     Raises:
-        ValueError: the network failed, which is the cause, or does not give People of its skeleton with confidences in
-            [0, 1], but for rounding; the message names it.
+        ValueError: the network failed, which is the cause, or does not give People of its skeleton: numbers, with
+            confidences in [0, 1], but for rounding, of all pixels that it gives; the message names it.
     """
     try:
         found = tracker.detect(image)
     except Exception as error:
         raise ValueError(f"network {network.name} failed: {type(error).__name__}: {error}") from error
-    _check(found, network)
-    return found
-
-
-def _check(found: object, network: Network) -> None:
-    gave = f"network {network.name} gave"
+    gave, skeleton = f"network {network.name} gave", network.skeleton
     if not isinstance(found, People):
         raise ValueError(f"{gave} {type(found).__name__}, not fgpose.monocular.network.People")
-    boxes = np.shape(found.boxes)
-    if len(boxes) != 2 or boxes[1] != 5:
-        raise ValueError(f"{gave} boxes {boxes}, not (people, 5)")
-    n_people, n_joints = boxes[0], network.skeleton.n_joints
-    for name, shape in People.shapes(n_joints).items():
-        given, expected = np.shape(getattr(found, name)), (n_people, *shape)
-        if given != expected:
-            counted = f"{n_people} {'box' if n_people == 1 else 'boxes'}"
-            raise ValueError(
-                f"{gave} {name} {given} for {counted}, not {expected}: the joints of {network.skeleton.name}"
-            )
-    confidence = np.asarray(found.confidence, dtype=float)
-    outside = (confidence < -_ROUNDING) | (confidence > 1 + _ROUNDING)
+    if not all(isinstance(problem, str) for problem in found.problems):
+        raise ValueError(f"{gave} problems that are no texts")
+    arrays = {name: _copied(getattr(found, name), f"{gave} {name}") for name in People.shapes(skeleton.n_joints)}
+    n_people = len(np.atleast_1d(arrays["boxes"]))
+    for name, shape in People.shapes(skeleton.n_joints).items():
+        if arrays[name].shape != (n_people, *shape):
+            of_boxes = f" for {n_people} {'box' if n_people == 1 else 'boxes'}, not {(n_people, *shape)}"
+            expected = ", not (people, 5)" if name == "boxes" else f"{of_boxes}: the joints of {skeleton.name}"
+            raise ValueError(f"{gave} {name} {arrays[name].shape}{expected}")
+    _check_values(arrays, gave)
+    return replace(found, **arrays)  # pyrefly: ignore[bad-argument-type]
+
+
+def _copied(values: object, what: str) -> np.ndarray:
+    given = np.asarray(values)
+    if given.dtype.kind not in "fiu":
+        raise ValueError(f"{what} of {given.dtype}, not of numbers")
+    copied = given.astype(np.result_type(given, np.float32))
+    if (np.abs(copied) > _LARGEST).any():
+        raise ValueError(f"{what} with {copied[np.abs(copied) > _LARGEST][0]:g}")
+    return copied
+
+
+def _check_values(arrays: Mapping[str, np.ndarray], gave: str) -> None:
+    confidence, has_pixel = arrays["confidence"], np.isfinite(arrays["points2d_px"]).all(axis=-1)
+    outside = (confidence < -_ROUNDING) | (confidence > 1 + _ROUNDING) | (np.isnan(confidence) & has_pixel)
     if outside.any():
         raise ValueError(f"{gave} a confidence of {confidence[outside][0]:g}, not in [0, 1]")
+    covariance_m2 = arrays["covariance_m2"].astype(float)
+    known = np.isfinite(arrays["points3d_m"]).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1))
+    if (known & ~positive_definite(covariance_m2)).any():
+        raise ValueError(f"{gave} a covariance_m2 that is not positive definite")

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 # Images that are closer than this share of an image's duration were not taken so: the clock went back.
 _CLOSEST = 0.1
+_FEWEST = 10  # images that tell what is far from them
 
 
 def repaired(
@@ -22,7 +23,7 @@ def repaired(
         stamps_s: NaN where there is none.
         step_s: how long an image usually lasts.
     """
-    good = _increasing(stamps_s)
+    good = _without_far_ends(_increasing(stamps_s), stamps_s)
     bad = np.setdiff1d(np.arange(len(stamps_s)), good)
     if len(bad) >= len(good):
         return None, bad
@@ -47,6 +48,18 @@ def _increasing(stamps_s: Float[np.ndarray, " image"]) -> Int[np.ndarray, " good
         chain.append(image)
         image = int(before[image])
     return np.array(chain[::-1], dtype=int)
+
+
+def _without_far_ends(
+    good: Int[np.ndarray, " good"], stamps_s: Float[np.ndarray, " image"]
+) -> Int[np.ndarray, " fewer"]:
+    """Without a first or last one that is farther from all others than these last: it increases whatever it is."""
+    for end in (slice(1, None), slice(None, -1)):
+        others = good[end]
+        lasts_s, all_s = (float(np.ptp(stamps_s[each])) if len(each) else 0.0 for each in (others, good))
+        if len(others) >= _FEWEST and all_s - lasts_s > lasts_s:
+            good = others
+    return good
 
 
 def _between_good(

@@ -294,6 +294,19 @@ def test_detections_of_a_corrected_network_of_another_package_are_made_anew(
     assert path() != before
 
 
+def test_a_constant_in_the_package_of_a_network_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    package = tmp_path / "own_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "settings.py").write_text("SHIFT_PX = 0.0\n")
+    (package / "network.py").write_text("from own_package.settings import SHIFT_PX\n\n\nclass Network:\n    pass\n")
+    own = importlib.import_module("own_package.network").Network
+    before = class_digest(own)
+    (package / "settings.py").write_text("SHIFT_PX = 25.0\n")
+    assert class_digest(own) != before
+
+
 def test_code_of_fgpose_and_of_a_session_is_in_no_file_of_a_class(monkeypatch: pytest.MonkeyPatch) -> None:
     session = ModuleType("session")
     monkeypatch.setitem(sys.modules, "session", session)

@@ -42,6 +42,13 @@ def test_wrong_stamps_at_the_ends_are_a_usual_step_away() -> None:
     np.testing.assert_allclose(found[1:9], TIMES_S[1:9])
 
 
+@pytest.mark.parametrize(("end", "stamp_s"), [(-1, 1e6), (0, -1e6)])
+def test_a_far_stamp_at_an_end_is_wrong_although_it_increases(end: int, stamp_s: float) -> None:
+    stamps_s = np.arange(30) / 20
+    stamps_s[end] = stamp_s
+    np.testing.assert_allclose(times_s(stamps_s, "1 of 30 time stamps do not increase"), np.arange(30) / 20, atol=1e-9)
+
+
 @pytest.mark.parametrize("stamps_s", [np.zeros(10), np.repeat([0.0, 0.1, 0.2, 0.3], 3)[:10], TIMES_S[::-1]])
 def test_where_most_are_wrong_the_images_are_counted(stamps_s: np.ndarray) -> None:
     np.testing.assert_allclose(times_s(stamps_s, "all are taken at 20 images a second"), np.arange(10) / 20)

@@ -71,7 +71,13 @@ ALL = tuple(People.shapes(3))
         (with_arrays(lambda a: a[:, :4], "boxes"), r"gave boxes \(1, 4\), not \(people, 5\)"),
         (with_arrays(lambda a: a[0], *ALL), r"gave boxes \(5,\), not \(people, 5\)"),
         (with_arrays(lambda a: a[..., [0, 1, 1]], "points2d_px"), r"gave points2d_px \(1, 3, 3\) for 1 box"),
-        (with_arrays(lambda a: None, "covariance_m2"), r"gave covariance_m2 \(\) for 1 box"),
+        (with_arrays(lambda a: None, "covariance_m2"), "gave covariance_m2 of object, not of numbers"),
+        (with_arrays(lambda a: a.astype(str), "confidence"), "gave confidence of <U32, not of numbers"),
+        (with_arrays(lambda a: a + 1j, "points2d_px"), "gave points2d_px of complex128, not of numbers"),
+        (with_arrays(lambda a: np.full_like(a, np.inf), "points2d_px"), "gave points2d_px with inf"),
+        (with_arrays(lambda a: a * np.nan, "confidence"), r"gave a confidence of nan, not in \[0, 1\]"),
+        (with_arrays(lambda a: -np.ones_like(a), *ALL[3:]), "gave a covariance_m2 that is not positive definite"),
+        (with_arrays(lambda a: (None,), "problems"), "gave problems that are no texts"),
         (with_arrays(lambda a: a * 100, "confidence"), r"gave a confidence of 90, not in \[0, 1\]"),
         (with_arrays(lambda a: a - 1, "confidence"), r"gave a confidence of -0\.1, not in \[0, 1\]"),
         (lambda people: None, "gave NoneType, not .*People"),
@@ -96,9 +102,30 @@ def test_what_was_found_before_is_kept(sources: Sources, squares_network: Square
     assert detect(sources, network, cache=tmp_path).n_new_images == 18 - n_seen + 1
 
 
-def test_confidences_that_are_rounded_or_missing_are_taken(sources: Sources, squares_network: SquaresNetwork) -> None:
-    for given, taken in ((1.005, 1.0), (-0.005, 0.0), (np.nan, 0.0)):
+def test_confidences_that_are_rounded_are_taken(sources: Sources, squares_network: SquaresNetwork) -> None:
+    for given, taken in ((1.005, 1.0), (-0.005, 0.0)):
         change = with_arrays(lambda a, given=given: np.full_like(a, given), "confidence")
         detected = detect(sources, Changed(squares_network, change), jobs=1)
         confidences = [image.confidence for image in detected.people.images if image.camera == "ring_0"]
         np.testing.assert_array_equal(confidences[WRONG_IMAGE], taken)
+
+
+def test_a_network_may_fill_the_same_arrays_again(sources: Sources, squares_network: SquaresNetwork) -> None:
+    """As programs do that keep their memory."""
+    kept: dict[str, np.ndarray] = {}
+
+    def into_kept(people: People) -> People:
+        for name in ALL:
+            array = kept.setdefault(name, getattr(people, name).copy())
+            array[...] = getattr(people, name)
+            object.__setattr__(people, name, array)
+        return people
+
+    class Keeping(Changed):
+        def tracker(self, camera: Any) -> Any:
+            tracker = self._network.tracker(camera)
+            return SimpleNamespace(detect=lambda image: into_kept(tracker.detect(image)))
+
+    fresh, kept_too = (detect(sources, each, jobs=1) for each in (squares_network, Keeping(squares_network, into_kept)))
+    for one, other in zip(fresh.people.images, kept_too.people.images, strict=True):
+        np.testing.assert_array_equal(one.points2d_px, other.points2d_px)
