@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.finding import Code, Finding
@@ -145,9 +144,7 @@ def load_finished(
     """
     origin = load_origin(result) or Origin()
     rig_file, given, known = _calibration(result, rig, origin)
-    people, up_R_world, axes = _upright(result, world_up, given)
-    given = None if given is None else given.turned(up_R_world)
-    given_up = said_up(world_up)
+    people, given, axes = _upright(result, world_up, given)
     cameras = None if given is None else _rig_of(rig_file or result, given, next(iter(people.values())))
     known = known.subset(cameras.names) if cameras is not None else known
     origin = replace(origin, calibration=known)
@@ -169,8 +166,8 @@ def load_finished(
             findings=findings_of(origin),
             calibrated=known.method,
             board_coverage=known.coverage,
-            known_findings=_still_true(origin.findings, given_up),
-            given_up=given_up,
+            known_findings=_still_true(origin.findings, world_up),
+            given_up=said_up(world_up),
             estimated=origin.estimated,
             events=origin.events,
             videos=videos or _videos(origin, cameras),
@@ -214,19 +211,20 @@ def _still_there(
 
 def _upright(
     result: Path, world_up: UpChoice, rig: CameraRig | None
-) -> tuple[dict[int, Trajectory], Float[np.ndarray, "3 3"], str]:
-    """Everybody in a world with z up, the rotation to it, and what is to be said of that."""
+) -> tuple[dict[int, Trajectory], CameraRig | None, str]:
+    """Everybody and the cameras in a world with z up, and what is to be said of that."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         people, up_R_world = load_upright(result, world_up, rig)
     for warning in caught:
         warnings.warn(warning.message, stacklevel=3)
     said = "; ".join(str(warning.message).removeprefix(f"{result}: ") for warning in caught)
+    upright = None if rig is None else rig.turned(up_R_world)
     if np.array_equal(up_R_world, np.eye(3)):
-        return people, up_R_world, said
+        return people, upright, said
     rows = ", ".join(" ".join(f"{value:.3g}" for value in row) for row in (up_R_world + 0.0).tolist())
     turned = f"the world of this report is that of the result, turned by the rotation ({rows}) so that z is up"
-    return people, up_R_world, f"{said}; {turned}" if said else turned
+    return people, upright, f"{said}; {turned}" if said else turned
 
 
 def said_up(world_up: UpChoice) -> WorldUp | None:
@@ -234,9 +232,9 @@ def said_up(world_up: UpChoice) -> WorldUp | None:
     return None if world_up == "auto" else world_up
 
 
-def _still_true(findings: tuple[Finding, ...], given_up: WorldUp | None) -> tuple[Finding, ...]:
+def _still_true(findings: tuple[Finding, ...], world_up: UpChoice) -> tuple[Finding, ...]:
     """What was found when the result was estimated; where the axis that is up is given now, nothing of the one then."""
-    return tuple(each for each in findings if given_up is None or each.code is not Code.WORLD_UP)
+    return tuple(each for each in findings if world_up == "auto" or each.code is not Code.WORLD_UP)
 
 
 def _named(**files: Path | str | None) -> dict[str, str]:
