@@ -85,7 +85,7 @@ class SolvedWindows:
         """The first ones, so many."""
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
-            while self._is_whole(self._path(self.n_solved)):
+            while _is_whole(self._path(self.n_solved)):
                 self.n_solved += 1
 
     def append(self, solution: Solution) -> None:
@@ -100,14 +100,6 @@ class SolvedWindows:
         """Raises ValueError or OSError if one that was kept cannot be read."""
         for number in range(self.n_solved):
             yield self._in_memory[number] if self._folder is None else _solution(read_arrays(self._path(number)))
-
-    @staticmethod
-    def _is_whole(path: Path) -> bool:
-        """One that a power cut has damaged is solved again, and those after it."""
-        try:
-            return path.exists() and bool(_solution(read_arrays(path)))
-        except (ValueError, OSError, KeyError, TypeError):
-            return False
 
     def _path(self, number: int) -> Path:
         assert self._folder is not None
@@ -128,6 +120,15 @@ def _solution(arrays: dict[str, np.ndarray]) -> Solution:
     convergence = Convergence(bool(converged), int(iterations), *errors)
     values: dict[str, Any] = {"covariance_m2": None, **arrays, "convergence": convergence}
     return Solution(**values)
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a solution can be read. One that a power cut has damaged is solved again, and those after it."""
+    try:
+        _solution(read_arrays(path))
+    except (ValueError, OSError, KeyError, TypeError):
+        return False
+    return True
 
 
 def _digest(recording: Recording) -> str:
