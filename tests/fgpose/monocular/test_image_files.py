@@ -96,6 +96,8 @@ def test_numbers_that_go_up_by_more_in_one_camera_are_frames(tmp_path: Path) -> 
     write_images(tmp_path / "a", ["0.png", "8.png", "16.png"])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        find_clips(tmp_path, fps_of_images=1.0)
+        (board,) = find_clips(tmp_path, fps_of_images=1.0)
         write_images(tmp_path / "b", ["0.png", "2.png", "4.png"])
-        find_clips(tmp_path, fps=60.0)
+        clips = find_clips(tmp_path, fps=60.0)
+    assert board.taken_s().tolist() == [0, 8, 16]
+    assert [clip.fps for clip in clips] == [7.5, 30]
