@@ -87,7 +87,7 @@ def _online(
         estimator.know(bones)
     frames = [*recording.observations, *empty_frames(recording, config.online.lag_s)]
     estimates = [estimator.update(frame) for frame in frames]
-    lagged = {each.smoothed.frame: each.smoothed for each in estimates if each.smoothed is not None}
+    lagged = {smoothed.frame: smoothed for each in estimates for smoothed in each.newly_smoothed}
     n_frames = len(recording.truth_m)
     newest = fgpose.Trajectory.from_estimates(estimates[:n_frames])
     return newest, fgpose.Trajectory.from_estimates([lagged[frame] for frame in range(n_frames)])

@@ -139,8 +139,7 @@ def check(estimate: Estimate, result: SoakResult) -> None:
     """Note in the result where an estimate contradicts itself."""
     where = f"frame {estimate.frame}"
     complain(result, where, estimate.positions_m, estimate.status, estimate.covariance_m2)
-    if estimate.smoothed is not None:
-        lagged = estimate.smoothed
+    for lagged in estimate.newly_smoothed:
         complain(result, f"{where}, smoothed", lagged.positions_m, lagged.status, lagged.covariance_m2)
 
 

@@ -107,8 +107,8 @@ def _run(recording: BenchmarkRecording, lag_s: float, figures: dict[str, Figures
                 figures[name].update_ms.append(1e3 * (time.perf_counter() - start_s))
     for name, each in estimates.items():
         lagged_m = np.full_like(recording.truth_m, np.nan)
-        for smoothed in (estimate.smoothed for estimate in each):
-            if smoothed is not None and smoothed.frame < n_frames:
+        for smoothed in (frame for estimate in each for frame in estimate.newly_smoothed):
+            if smoothed.frame < n_frames:
                 lagged_m[smoothed.frame] = smoothed.positions_m
         newest = each[:n_frames]
         figures[name].newest_mm.append(_error_mm(np.stack([estimate.positions_m for estimate in newest]), recording))

@@ -34,8 +34,7 @@ def main(frames: int = 100, lag_s: float = 0.5) -> None:
     for frame in observations:  # in a live system: whatever the cameras saw since the last time
         estimate = estimator.update(frame)
         newest.append(estimate)
-        if estimate.smoothed is not None:
-            lagged.append(estimate.smoothed)
+        lagged += estimate.newly_smoothed
         if estimate.frame % 25 == 0:
             print(f"{estimate.time_s:5.2f} s  right wrist at {np.round(estimate['right_wrist'], 3)} m")
 

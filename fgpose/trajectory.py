@@ -324,7 +324,10 @@ class Estimate(Shown):
     covariance_m2: Float[np.ndarray, "joint 3 3"] | None = None
     residual_px: Float[np.ndarray, "camera joint"] | None = None
     smoothed: Estimate | None = None
-    """The estimate of the frame that is one lag old, from all frames since. None until there is one."""
+    """The estimate of the newest frame that is one lag old, from all frames since. None until there is one."""
+    newly_smoothed: tuple[Estimate, ...] = ()
+    """Those of all frames that became one lag old by this update, the oldest first: each frame once. One at each update
+    if frames come at even intervals, else none or several. The last one is smoothed."""
     visibility: Float[np.ndarray, "camera joint"] | None = None
     """Probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where there is
     none."""

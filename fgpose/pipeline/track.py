@@ -175,9 +175,8 @@ def _by_person(
     by_person: dict[int, dict[int, Estimate]] = {}
     for frame, people in enumerate(estimates):
         for person, newest in people.items():
-            estimate = newest.smoothed if lagged else newest
             lengths = {"bone_lengths": newest.bone_lengths, "other_bone": newest.other_bone}
-            if estimate is not None:
+            for estimate in newest.newly_smoothed if lagged else (newest,):
                 at = int(nearest(np.array([estimate.time_s]), time_s)[0]) if lagged else frame
                 by_person.setdefault(person, {})[at] = replace(estimate, frame=at, time_s=float(time_s[at]), **lengths)
     trajectories = {}

@@ -178,9 +178,9 @@ def _lagged(online: OnlineConfig, recording: BenchmarkRecording) -> MethodResult
     estimator = Estimator(recording.rig, recording.observations.skeleton, Config(online=online))
     positions_m = np.full_like(recording.truth_m, np.nan)
     for frame in [*recording.observations, *empty_frames(recording, online.lag_s)]:
-        estimate = estimator.update(frame)
-        if estimate.smoothed is not None and estimate.smoothed.frame < len(positions_m):
-            positions_m[estimate.smoothed.frame] = estimate.smoothed.positions_m
+        for smoothed in estimator.update(frame).newly_smoothed:
+            if smoothed.frame < len(positions_m):
+                positions_m[smoothed.frame] = smoothed.positions_m
     return MethodResult(positions_m, None, np.nan)
 
 

@@ -101,7 +101,8 @@ class HungPart:
         """All points of the rigid set, where its carriers put them."""
         assert self._seen is not None
         smoothed = None if carriers.smoothed is None else self._points(carriers.smoothed, None)
-        return replace(self._points(carriers, self._seen), smoothed=smoothed)
+        newly_smoothed = tuple(self._points(each, None) for each in carriers.newly_smoothed)
+        return replace(self._points(carriers, self._seen), smoothed=smoothed, newly_smoothed=newly_smoothed)
 
     def _points(self, carriers: Estimate, seen: Evidence | None) -> Estimate:
         n_points, stated_m2 = self._skeleton.n_joints, carriers.covariance_m2
@@ -124,6 +125,7 @@ class HungPart:
             visibility=visibility,
             bone_lengths=None,
             smoothed=None,
+            newly_smoothed=(),
         )
 
 
@@ -133,10 +135,12 @@ def of_whole_body(skeleton: Skeleton, body: Estimate, parts: Sequence[Estimate])
     joints = [*(part.joints if part.carried_by else part.estimated for part in skeleton.parts), skeleton.body]
     found = list(zip(joints, [*parts, body], strict=True))
     smoothed = [(joints, each.smoothed) for joints, each in found if each.smoothed is not None]
+    newly_smoothed = zip(*(each.newly_smoothed for _, each in found), strict=True)
     lengths = [(each.skeleton, each.bone_lengths) for _, each in found if each.bone_lengths is not None]
     return replace(
         _joined(found, skeleton),
         smoothed=_joined(smoothed, skeleton) if len(smoothed) == len(found) else None,
+        newly_smoothed=tuple(_joined(list(zip(joints, frame, strict=True)), skeleton) for frame in newly_smoothed),
         n_repairs=sum(each.n_repairs for _, each in found),
         bone_lengths=of_all_lengths(skeleton, lengths) if lengths else None,
         other_bone=next((each.other_bone for _, each in found if each.other_bone is not None), None),
@@ -147,4 +151,4 @@ def _joined(found: Sequence[tuple[Sequence[int], Estimate]], skeleton: Skeleton)
     by_joint = ("positions_m", "status", "covariance_m2")
     arrays: dict[str, Any] = {name: of_all_joints(found, name, skeleton.n_joints, 0) for name in by_joint}
     arrays |= {name: of_all_joints(found, name, skeleton.n_joints, 1) for name in ("residual_px", "visibility")}
-    return replace(found[-1][1], skeleton=skeleton, bone_lengths=None, smoothed=None, **arrays)
+    return replace(found[-1][1], skeleton=skeleton, bone_lengths=None, smoothed=None, newly_smoothed=(), **arrays)

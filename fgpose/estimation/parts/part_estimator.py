@@ -163,8 +163,10 @@ class PartEstimator:
         self._is_tidy = False
         self._window.add(state, self._rig, changes)
         self._judge()
+        self._estimates.take_lagged(self._window, self._rig)
         for oldest in self._window.marginalise():
             self._learn_smoothed(oldest)
+            self._estimates.take_lagged(self._window, self._rig)
         return self._estimates.newest(self._window, self._rig)
 
     def _gathered(self, frame: Observations, new: Observations) -> tuple[Evidence, Bodies]:

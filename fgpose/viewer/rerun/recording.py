@@ -156,8 +156,9 @@ class RerunRecording(RerunSession, Recording):
         update_ms: float | None = None,
         residuals: Mapping[str, Float[np.ndarray, " joint"]] | None = None,
     ) -> None:
-        if estimate.smoothed is not None and "smoothed" in self._results:
-            self._log_frame("smoothed", estimate.smoothed)
+        if "smoothed" in self._results:
+            for smoothed in estimate.newly_smoothed:
+                self._log_frame("smoothed", smoothed)
         if estimate.frame % self._every:
             return
         now = np.array([estimate.time_s]), estimate.frame

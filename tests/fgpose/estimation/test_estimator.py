@@ -121,6 +121,23 @@ def test_the_lagged_estimate_is_one_lag_old(
         assert estimate.frame - estimate.smoothed.frame == n_frames
 
 
+@pytest.mark.parametrize("jitter_s", [0.0, 0.001])
+def test_each_frame_is_smoothed_once_however_even_its_times(
+    jitter_s: float, mocap_clear: Scene, rig: fgpose.CameraRig
+) -> None:
+    """An update lets none or two frames leave where times are uneven."""
+    observations = mocap_clear.observations.frames(slice(0, 40))
+    time_s = observations.time_s + jitter_s * np.random.default_rng(0).standard_normal(40)
+    estimates = run(replace(observations, time_s=time_s), rig, fgpose.Config(online={"lag_s": 0.2}))
+    numbers = [each.frame for estimate in estimates for each in estimate.newly_smoothed]
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) >= 29
+    assert len({len(estimate.newly_smoothed) for estimate in estimates[11:]}) == (1 if jitter_s == 0 else 3)
+    for estimate in estimates:
+        if estimate.newly_smoothed:
+            assert estimate.smoothed is estimate.newly_smoothed[-1]
+
+
 def nees(estimates: list[fgpose.Estimate], truth_m: np.ndarray) -> Float[np.ndarray, "frame joint"]:
     """Squared error in standard deviations: 3 on average where the covariance is right."""
     squared = []
