@@ -325,9 +325,6 @@ class Estimate(Shown):
     residual_px: Float[np.ndarray, "camera joint"] | None = None
     smoothed: Estimate | None = None
     """The estimate of the newest frame that is one lag old, from all frames since. None until there is one."""
-    newly_smoothed: tuple[Estimate, ...] = ()
-    """Those of all frames that became one lag old by this update, the oldest first: each frame once. One at each update
-    if frames come at even intervals, else none or several. The last one is smoothed."""
     visibility: Float[np.ndarray, "camera joint"] | None = None
     """Probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where there is
     none."""
@@ -341,6 +338,9 @@ class Estimate(Shown):
     other_bone: OtherBone | None = None
     """Why the lengths that were given (Estimator.know), or learned so far, are not used any more: somebody else is
     there, or limbs were guessed. The lengths were wrong until then, or are now."""
+    newly_smoothed: tuple[Estimate, ...] = ()
+    """Those of all frames that became one lag old by this update, the oldest first: each frame once. One at each update
+    if frames come at even intervals, else none or several. The last one is smoothed."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, " 3"]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""

@@ -85,6 +85,7 @@ def estimate_of(trajectory: Trajectory, frame: int, smoothed: Estimate | None = 
         trajectory.covariance_m2[frame],
         trajectory.residual_px[frame],
         smoothed,
+        newly_smoothed=() if smoothed is None else (smoothed,),
     )
 
 
