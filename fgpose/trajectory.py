@@ -129,10 +129,9 @@ class Trajectory(Motion):
             "frame_numbers": (n_frames,),
         }
         for name, shape in shapes.items():
-            array = getattr(self, name)
-            if array is not None and array.shape != shape:
-                raise ValueError(f"{name} must be {shape}, got {array.shape}")
-            if array is not None:
+            if (array := getattr(self, name)) is not None:
+                if array.shape != shape:
+                    raise ValueError(f"{name} must be {shape}, got {array.shape}")
                 array.setflags(write=False)
 
     @staticmethod
@@ -326,11 +325,9 @@ class Estimate(Shown):
     smoothed: Estimate | None = None
     """The estimate of the newest frame that is one lag old, from all frames since. None until there is one."""
     visibility: Float[np.ndarray, "camera joint"] | None = None
-    """Probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where there is
-    none."""
+    """Probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where none is."""
     is_implausible: bool = False
-    """Whether the detections of the newest frame, or those that came last, make no body (joints tens of metres apart)
-    and were left out."""
+    """Whether the detections that came last make no body (joints tens of metres apart) and were left out."""
     n_repairs: int = 0
     """How often GTSAM has failed so far, and the window was eliminated anew (Estimator.repairs)."""
     bone_lengths: BoneLengths | None = None
@@ -339,8 +336,8 @@ class Estimate(Shown):
     """Why the lengths that were given (Estimator.know), or learned so far, are not used any more: somebody else is
     there, or limbs were guessed. The lengths were wrong until then, or are now."""
     newly_smoothed: tuple[Estimate, ...] = ()
-    """Those of all frames that became one lag old by this update, the oldest first: each frame once. One at each update
-    if frames come at even intervals, else none or several. The last one is smoothed."""
+    """Of all frames that this update made one lag old, the oldest first: each once. Where intervals are uneven an
+    update has none or several. The last one is smoothed."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, " 3"]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""
