@@ -254,16 +254,20 @@ def _by_block(
     cost: Float[np.ndarray, "sample lag joint"], weight: Float[np.ndarray, "sample lag joint"], blocks: Blocks
 ) -> Float[np.ndarray, "block lag"]:
     """Sums, as if at every lag as much were seen as at the one where most is; a lag at which little is seen is as good
-    as the others on average."""
+    as the others on average. What counts is what is seen without a lag too: where images are left out, the few that are
+    near each other at one lag may be of another moment, which is easier to see."""
     order = np.argsort(blocks.block, kind="stable")
     begins = np.searchsorted(blocks.block[order], np.arange(blocks.n_blocks))
     counted = np.nan_to_num(cost)
     counted *= weight
-    total, seen, number = (
-        np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0) for each in (counted, weight, weight > 0)
+    middle = weight.shape[1] // 2
+    both = np.where(weight[:, middle : middle + 1] > 0, weight, 0.0)
+    total, seen, number, common = (
+        np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0)
+        for each in (counted, weight, weight > 0, both)
     )
     most = seen.max(axis=1, keepdims=True)
-    told = (seen >= 0.5 * most) & (number >= _MIN_SEEN)
+    told = (common >= 0.5 * most) & (number >= _MIN_SEEN)
     mean = np.where(told, total / np.where(told, seen, 1.0), np.nan)
     usual = np.where(told.any(axis=1), np.nansum(mean, axis=1) / np.maximum(told.sum(axis=1), 1), 0.0)
     return np.where(told, mean, usual[:, None]) * most

@@ -83,3 +83,26 @@ def moved_rig(c: int, degrees: float) -> CameraRig:
 
 def bumped(seen: fgpose.Observations, c: int, degrees: float, at: int, truth_m: np.ndarray) -> fgpose.Observations:
     return exchanged(seen, c, filmed(truth_m, moved_rig(c, degrees)), slice(at, None))
+
+
+def left_out(truth_m: np.ndarray, share: float, usual_length: float, seed: int) -> fgpose.Observations:
+    """Cameras that take their images at different moments; of each this share is left out, so many in a row on average,
+    as a computer does that is too slow."""
+    rng, n_frames, late_s = np.random.default_rng(seed), len(truth_m), np.array([0.0, 0.007, 0.014, 0.016])
+    seen, time_s = filmed(truth_m, seed=seed), np.arange(n_frames) / FPS
+    at_m = [CubicSpline(time_s, truth_m)(time_s + late) for late in late_s]
+    points2d_px = seen.points2d_px - RIG.project(truth_m)
+    points2d_px += np.stack([RIG.project(own_m)[:, c] for c, own_m in enumerate(at_m)], axis=1)
+    there = np.ones((n_frames, len(late_s)), dtype=bool)
+    for own in there.T:
+        at = 0
+        while at < n_frames:
+            first = at + rng.geometric(1 / usual_length)
+            at = first + rng.geometric((1 - share) / (share * usual_length))
+            own[first:at] = False
+    return replace(
+        seen,
+        points2d_px=np.where(there[:, :, None, None], points2d_px, np.nan),
+        confidence=np.where(there[:, :, None], seen.confidence, 0.0),
+        time_s=time_s[:, None] + late_s,
+    )

@@ -16,7 +16,18 @@ from fgpose.calibration.changes.lenses import Lens
 from fgpose.diagnosis.changes.other_lenses import other_lenses
 from fgpose.geometry.intrinsics import stretched
 from fgpose_benchmarks.calibration.real import webcam
-from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, lost, moved_rig, slower, walk_m
+from tests.fgpose.calibration.changes.changing import (
+    FPS,
+    RIG,
+    bumped,
+    filmed,
+    late,
+    left_out,
+    lost,
+    moved_rig,
+    slower,
+    walk_m,
+)
 from tests.wrong_rigs import turned
 
 FOUR, THREE, TWO = RIG.names, RIG.names[:3], RIG.names[1:3]
@@ -257,3 +268,11 @@ def test_a_reflection_that_one_camera_sees_now_and_then_is_no_bump() -> None:
     found = find_changes([replace(seen, points2d_px=points2d_px)], RIG)
     assert found.changes == ()
     assert found.lenses == ()
+
+
+@pytest.mark.parametrize(
+    ("share", "usual_length", "seed"), [(0.7, 2.0, 4), pytest.param(0.6, 3.0, 5, marks=pytest.mark.slow)]
+)
+def test_images_that_were_left_out_are_no_other_clock(share: float, usual_length: float, seed: int) -> None:
+    """The moments at which images of two cameras are near each other differ from lag to lag."""
+    assert find_changes([left_out(walk_m(seed), share, usual_length, seed)], RIG).changes == ()
