@@ -44,6 +44,9 @@ class RigRefinement(Generic[Recording]):
     """Median reprojection error of the triangulated joints, with the rig as it was and as it is now; NaN for a camera
     that sees nothing."""
     residual_after_px: Float[np.ndarray, " camera"]
+    shift_sigma_m: float = 0.0
+    """Standard deviation of each coordinate by which all cameras and joints may have been shifted together. Images tell
+    little of it, and no covariance of a joint contains it."""
     ending: Ending = Ending.SETTLED
     reassigned: tuple[float, ...] = ()
     """Of several people, each time that they were told apart with the new rig: the share of the detected joints that
@@ -60,9 +63,9 @@ def refine_rig(observations: Recording, rig: CameraRig, config: Config | None = 
     Poses of the cameras and joints of up to calibration.max_frames frames are variables; the calibration is the prior,
     robust, for most cameras were not touched (fgpose.calibration.adjustment). Known delays (time stamps, offsets
     of the rig) are corrected first. A common shift of all cameras and joints by a few centimetres cannot be seen in the
-    images; it is known only as well as the calibration was. The errors of a detector are correlated from frame to
-    frame, so the detections of a person in a camera together count as calibration.independent_measurements
-    measurements, not as thousands. A camera without detections keeps its pose.
+    images; it is known only as well as the calibration was (shift_sigma_m). The errors of a detector are correlated
+    from frame to frame, so the detections of a person in a camera together count as
+    calibration.independent_measurements measurements, not as thousands. A camera without detections keeps its pose.
 
     Several people (fgpose.load_people) are told apart with the rig as it was given, and again with the refined one,
     which may be refined once more then (reassigned). The frames are shared out among them, so that everybody is used.
@@ -89,6 +92,7 @@ def refinement(
         translation_m=translation_m,
         residual_before_px=_residual_px(found.undistorted_px, found.confidence, before, config),
         residual_after_px=_residual_px(found.undistorted_px, found.confidence, after, config),
+        shift_sigma_m=found.shift_sigma_m,
         ending=found.ending,
         reassigned=reassigned,
     )
@@ -129,10 +133,12 @@ def _refined(people: Sequence[Observations], rig: CameraRig, config: Config) -> 
     ]
     sightings = Sightings.on_time(undistorted_px, np.concatenate(weights))
     start = Bundle.of(np.zeros((rig.n_cameras, N_OF_CAMERA)), joints_m)
-    solution = rig_problem(rig, sightings, config, poses=True, clocks=False).solve(start)
+    problem = rig_problem(rig, sightings, config, poses=True, clocks=False)
+    solution = problem.solve(start)
     smoothed = all(smoothed for _, smoothed in on_time)
     ending = Ending.of(smoothed=smoothed, settled=True, adjusted=solution.convergence.converged)
-    return Adjusted(adjusted_rig(rig, solution.state.changes), undistorted_px, confidence, ending)
+    shift_sigma_m = problem.shift_sigma_m(solution.state)
+    return Adjusted(adjusted_rig(rig, solution.state.changes), undistorted_px, confidence, ending, shift_sigma_m)
 
 
 def _on_time_px(

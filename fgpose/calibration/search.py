@@ -102,6 +102,7 @@ def search(people: Sequence[Observations], rig: CameraRig, config: Config, *, po
         ending=Ending.of(smoothed=best.smoothed, settled=not unsettled, adjusted=solution.convergence.converged),
         undistorted_px=best.problem.sightings.undistorted_px,
         confidence=setting.confidence,
+        shift_sigma_m=best.problem.shift_sigma_m(best.state) if poses else 0.0,
     )
 
 

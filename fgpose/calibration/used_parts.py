@@ -55,6 +55,8 @@ class Adjusted:
     """Of the frames that were used, where they would be if all cameras were synchronous."""
     confidence: Float[np.ndarray, "frame camera joint"]
     ending: Ending
+    shift_sigma_m: float
+    """See RigRefinement; 0 if the poses of the cameras were held."""
 
 
 def seen_by_two(people: Sequence[Observations]) -> list[Observations]:

@@ -57,6 +57,12 @@ def _save_and_print(
         written, known = origin.rig, replace(origin.calibration, step=outputs.step)
     save_rig(written, path, origin=known)
     console.print(calibration_table(_with_offsets_of(calibration, written), frame_time_s))
+    if calibration.refinement is not None:
+        console.print(
+            "Of a shift of everything, cameras and joints, images tell little: it may be "
+            f"{1000 * calibration.refinement.shift_sigma_m:.0f} mm along each axis (one standard deviation), which the "
+            "covariances of the joints do not contain."
+        )
     if calibration.reassigned:
         shares = ", then ".join(f"{100 * share:.1f} %" for share in calibration.reassigned)
         console.print(f"With it, {shares} of the joints in a camera, at most, belong to somebody else.")

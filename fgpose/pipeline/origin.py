@@ -76,7 +76,8 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
     if found.refinement is not None:
         estimated.add("poses")
         rows = zip(found.rig.names, found.refinement.rotation_deg, found.refinement.translation_m, strict=True)
-        known = replace(known, moved=tuple(MovedCamera(name, float(deg), float(m)) for name, deg, m in rows))
+        moved = tuple(MovedCamera(name, float(deg), float(m)) for name, deg, m in rows)
+        known = replace(known, moved=moved, shift_sigma_m=found.refinement.shift_sigma_m)
     return replace(origin, rig=rig, calibration=known, estimated=tuple(sorted(estimated)))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.estimation.solvers.elimination import ReducedSystem
 
@@ -55,3 +55,10 @@ class Factorized:
 
         unit = np.eye(len(self._factor[0]), self._n_shared)
         return np.asarray(cho_solve(self._factor, unit, check_finite=False))[: self._n_shared]
+
+    def shift_covariance_m2(self, seen: Bool[np.ndarray, "frame joint"]) -> Float[np.ndarray, "3 3"]:
+        """Of the mean of the positions of these joints, by what is not known of the cameras."""
+        n_rows = self._reduced.n_of_cameras
+        by_rows = np.mean(self._reduced.by_step[seen], axis=0)[:n_rows]
+        by_shared = self._columns[:n_rows, : self._n_shared].T @ by_rows
+        return by_shared.T @ self.covariance() @ by_shared

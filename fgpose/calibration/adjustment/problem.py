@@ -28,6 +28,7 @@ from fgpose_factors import robust_loss, robust_weight
 # 0.5 mm, 0.006 degrees, 0.01 % of the focal length: a fiftieth of what a rig from nothing but people is stated to.
 _STEP_TOLERANCE_M = 5e-4
 _MAX_ITERATIONS = 100  # about ten are needed on the tuning clips of the benchmark
+_MEDIAN_OF_SIX = 5.348  # of the sum of the squares of six standard normal variables
 _GAUGE_SHARE = 1e-5  # of the held distance; nothing else knows the scale but the priors of biases, which only pull
 
 
@@ -193,6 +194,20 @@ class BundleProblem:
         columns = self.unknowns.columns.reshape(self.rig.n_cameras, N_OF_CAMERA, -1)
         columns = own_by_changes @ columns
         return np.einsum("ciu,uv,djv->cidj", columns, self.equations(state).covariance(), columns)
+
+    def shift_sigma_m(self, state: Bundle) -> float:
+        """Standard deviation of each coordinate of a shift of all cameras and joints together, root mean square.
+
+        Images hardly show it: it is known as well as the priors say, which were too narrow if the cameras had to be
+        moved by more, on median.
+
+        Raises:
+            LinAlgError: the cameras are not determined.
+        """
+        seen_by_two = np.sum(self.sightings.weights > 0, axis=1) >= 2
+        covariance_m2 = self.equations(state).shift_covariance_m2(seen_by_two)
+        moved = np.median(self._moved_squared(state)) / _MEDIAN_OF_SIX
+        return float(np.sqrt(np.trace(covariance_m2) / 3 * max(1.0, moved)))
 
     def _prior_weights(self, state: Bundle) -> Float[np.ndarray, "camera 11"]:
         """Information of the priors, where those of the poses are robust."""

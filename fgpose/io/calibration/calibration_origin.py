@@ -56,6 +56,9 @@ class CalibrationOrigin:
     """How the cameras were calibrated: "from people", "with a board"; empty: not known."""
     coverage: Mapping[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
     """Of each camera that was calibrated with a board: corners in the parts of its image, in rows from the top."""
+    shift_sigma_m: float = 0.0
+    """Standard deviation of each coordinate by which the last refinement may have shifted all cameras together; 0: not
+    known."""
 
     def subset(self, cameras: Collection[str]) -> CalibrationOrigin:
         """What holds of some of the cameras; what is said of the whole rig stays."""

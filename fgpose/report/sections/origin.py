@@ -61,6 +61,8 @@ def facts_of(origin: Origin) -> dict[str, str]:
         facts[f"Calibration {origin.calibration.method or FROM_PEOPLE}"] = origin.calibration.grade
     for each in origin.calibration.moved:
         facts[f"Camera {each.camera} moved by"] = f"{each.rotation_deg:.2f}°, {1000 * each.translation_m:.0f} mm"
+    if origin.calibration.shift_sigma_m:
+        facts["Everything may be shifted by"] = f"{1000 * origin.calibration.shift_sigma_m:.0f} mm (SD along each axis)"
     if origin.remarks:
         facts["Read with changes"] = "; ".join(origin.remarks)
     if origin.command:

@@ -9,6 +9,7 @@ import fgpose
 from fgpose.calibration import Ending
 from fgpose.calibration.adjustment import problem
 from fgpose.config import SolverConfig
+from fgpose.geometry.triangulation import triangulate_robust
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 from tests.wrong_rigs import turned
 
@@ -38,6 +39,29 @@ def test_a_bumped_camera_moves_by_itself(walking_scene: Scene, rig: fgpose.Camer
     assert result.rotation_deg[others].max() < 0.1
     assert result.translation_m[others].max() < 0.005
     np.testing.assert_allclose(result.residual_after_px, right.residual_after_px, rtol=0.1)
+
+
+@pytest.mark.parametrize("degrees", [0.03, 0.3])
+def test_how_far_everything_may_be_shifted_is_known(
+    walking_scene: Scene, rig: fgpose.CameraRig, degrees: float
+) -> None:
+    """Each camera is turned about a random axis; 0.3 degrees are three times what the parameters expect."""
+    rng, of_sigma = np.random.default_rng(0), []
+    for _ in range(6):
+        wrong = rig
+        for camera in range(rig.n_cameras):
+            axis = rng.standard_normal(3)
+            wrong = turned(wrong, camera, degrees * float(np.linalg.norm(axis)), axis / np.linalg.norm(axis))
+        result = fgpose.calibration.refine_rig(walking_scene.observations, wrong)
+        undistorted_px = rig.project(walking_scene.truth_m)
+        confidence = np.ones(undistorted_px.shape[:-1])
+        inlier_px = np.full((rig.n_cameras, 1), 100.0)
+        found_m = triangulate_robust(undistorted_px, confidence, result.rig, inlier_px).positions_m
+        shift_m = np.mean(found_m - walking_scene.truth_m, axis=(0, 1))
+        of_sigma.append(np.sqrt(np.mean(shift_m**2)) / result.shift_sigma_m)
+    # Chi-square of 18 values: 0.6 to 1.4 in 99 % if the sigma is right. At 0.03 degrees it is that of the 0.1 expected.
+    least, most = (0.4, 1.4) if degrees > 0.1 else (0.0, 0.6)
+    assert least < np.sqrt(np.mean(np.square(of_sigma))) < most
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
-from fgpose.io.calibration import load_rig, save_rig
+from fgpose.io.calibration import load_calibration_origin, load_rig, save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.origin import Origin
 from fgpose.io.recordings import load_recording
@@ -141,8 +141,12 @@ def test_refine_calibration(source: list[str], tmp_path: Path, capsys: pytest.Ca
     """The calibration that is written is the one that was used, and reads back."""
     options = ["--refine-calibration", "--name", "mine", "--formats", "npz"]
     assert main(["smooth", *source, "--output", str(tmp_path), *options]) == 0
-    assert "turned by [deg]" in capsys.readouterr().out
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "turned by [deg]" in printed
     assert {path.name for path in tmp_path.iterdir()} == {"mine.npz", "mine_calibration.toml"}
+    known = load_calibration_origin(tmp_path / "mine_calibration.toml")
+    assert f"it may be {1000 * known.shift_sigma_m:.0f} mm along each axis" in printed
+    assert known.shift_sigma_m > 0.001
     rig = load_rig(tmp_path / "mine_calibration.toml")
     trajectory = load_trajectory(tmp_path / "mine.npz")
     observations = load_recording("balance_openpose")[1].frames(slice(0, trajectory.n_frames))

@@ -161,6 +161,7 @@ def origin() -> Origin:
             (MovedCamera("cam_1", 0.5, 0.012),),
             "coarse",
             (Reason("cam_2", "coarse", "the focal length is not determined", "walk towards the camera"),),
+            shift_sigma_m=0.025,
         ),
         events=(TrackEvent(1.25, 3, "recognised", "lengths of the bones"),),
         fps=50.0,
