@@ -18,6 +18,7 @@ from fgpose.io.trajectories.markers import (
     marker_of_joint,
     markers_to_trajectory,
     warn_of_uneven_times,
+    without_zeros,
 )
 from fgpose.kinematics.poses import SegmentPoses
 from fgpose.trajectory import Trajectory
@@ -161,7 +162,11 @@ def _start(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> t
 
 def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
     """Read the markers of a C3D file, in metres and its own axes, and the axis that it says is up: that of Y_SCREEN, z
-    where it says nothing. Time counts from the file's frame 0, with the START_OFFSET_S of fgpose.
+    where it says nothing. Time counts from the file's frame 0, with the START_OFFSET_S of fgpose. Gaps have a negative
+    residual, or are exactly (0, 0, 0).
+
+    Warns:
+        UserWarning: there are zeros; how many, and of which markers.
 
     Raises:
         ImportError: ezc3d is not installed.
@@ -182,7 +187,7 @@ def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
     said = "".join(_texts(file, "Y_SCREEN")).lower()
     file_up: UpAxis = SIGNED_AXES[SIGNED_AXES.index(said)] if said in SIGNED_AXES else "+z"
     time_s = _start_offset_s(file) + (float(file["first_frame"]) + np.arange(n_frames)) / _rate_hz(file)
-    return markers_to_trajectory(markers, time_s, positions_m), file_up
+    return markers_to_trajectory(markers, time_s, without_zeros(markers, positions_m, path)), file_up
 
 
 def _texts(file: dict[str, np.ndarray], parameter: str) -> tuple[str, ...]:

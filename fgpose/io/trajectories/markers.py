@@ -18,6 +18,7 @@ _CAMEL_CASE = re.compile(r"([LR](?=[A-Z][a-z])|Left|Right)?((?:[A-Z][a-z]+\d*)+)
 _SIDES = {"L": "left_", "R": "right_", "Left": "left_", "Right": "right_", None: ""}
 # Pose2Sim calls the middle of the hips Hip in its Halpe models and CHip or MidHip in others.
 _PELVIS = ("Hip", "MidHip", "CHip")
+_MAX_NAMED = 4
 # Of a frame whose time a constant rate cannot hold. Times rounded to milliseconds, and most jitter, are below.
 _NOTICED_INTERVALS = 0.2
 
@@ -41,6 +42,27 @@ def marker_of_joint(joint: str) -> str:
     words = joint.split("_")[1:] if side else joint.split("_")
     marker = side + "".join(word.capitalize() for word in words)
     return marker if joint_of_marker(marker) == joint else joint
+
+
+def without_zeros(
+    markers: list[str], positions: Float[np.ndarray, "frame marker 3"], path: Path
+) -> Float[np.ndarray, "frame marker 3"]:
+    """NaN where a marker is at exactly (0, 0, 0), in any unit: no marker is there to the last digit, but many programs
+    write so what they have not seen.
+
+    Warns:
+        UserWarning: there are such; how many, and of which markers.
+    """
+    zero = (positions == 0).all(axis=-1)
+    if not zero.any():
+        return positions
+    names = [marker for marker, its in zip(markers, zero.any(axis=0), strict=True) if its]
+    named = ", ".join(names[:_MAX_NAMED]) + (f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else "")
+    warnings.warn(
+        f"{path}: {zero.sum()} of {zero.size} positions are exactly (0, 0, 0), of {named}: they are taken for missing",
+        stacklevel=5,
+    )
+    return np.where(zero[..., None], np.nan, positions)
 
 
 def markers_to_trajectory(

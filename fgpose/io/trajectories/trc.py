@@ -20,7 +20,7 @@ from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_lines
 from fgpose.io.content import read_content, text_lines
 from fgpose.io.tables import as_cell, name_in_cell, one_line
-from fgpose.io.trajectories.markers import constant_rate_hz, marker_of_joint, markers_to_trajectory
+from fgpose.io.trajectories.markers import constant_rate_hz, marker_of_joint, markers_to_trajectory, without_zeros
 from fgpose.kinematics.body_size import leg_length
 from fgpose.plain_files import check_expansion
 from fgpose.sampling import parts_of
@@ -82,12 +82,12 @@ def read_trc(path: Path) -> Trajectory:
     """Read the markers of a TRC file, in metres and the axes of the file.
 
     Lenient where writers differ: NumFrames, NumMarkers and the frame numbers are not believed, rows may lack trailing
-    cells, empty lines are skipped, a cell "nan" is a gap. Cells may be separated by semicolons or commas, as a table
-    program leaves them, and numbers may have decimal commas where no cell has a point. Where no unit is named, the legs
-    of the body tell it.
+    cells, empty lines are skipped, a cell "nan" and a marker at exactly (0, 0, 0) are gaps. Cells may be separated by
+    semicolons or commas, as a table program leaves them, and numbers may have decimal commas where no cell has a point.
+    Where no unit is named, the legs of the body tell it.
 
     Warns:
-        UserWarning: no unit is named, or one that makes a giant or a dwarf; which one was taken.
+        UserWarning: no unit is named, or one that makes a giant or a dwarf; which one was taken. Or there are zeros.
 
     Raises:
         ValueError: the header is not that of a TRC file, the unit is not m, cm or mm, or is not named and not told by a
@@ -100,7 +100,7 @@ def read_trc(path: Path) -> Trajectory:
     separator = next((each for each in _SEPARATORS if each in header[3]), "\t")
     markers = _markers(header[3], separator)
     table = _frames(content, separator, markers)
-    positions = table[:, 1:].reshape(len(table), len(markers), 3)
+    positions = without_zeros(markers, table[:, 1:].reshape(len(table), len(markers), 3), path)
     in_file = markers_to_trajectory(markers, table[:, 0], positions)
     unit = _checked_unit(_unit(header, separator), leg_length(in_file), path)
     return replace(in_file, positions_m=in_file.positions_m / _UNITS_PER_METRE[unit])

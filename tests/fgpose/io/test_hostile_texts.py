@@ -147,7 +147,7 @@ NAMES = ("=HYPERLINK(1)", "'=1", "''=1", "'a", "+1", "-", "@SUM(A1)", "a, b; c",
 
 
 def test_names_in_a_trc_come_back_and_none_is_a_formula(tmp_path: Path) -> None:
-    written = markers_to_trajectory(list(NAMES), np.arange(3) / 50, np.zeros((3, len(NAMES), 3)))
+    written = markers_to_trajectory(list(NAMES), np.arange(3) / 50, np.ones((3, len(NAMES), 3)))
     path = tmp_path / "a\tname\nin two lines.trc"
     save_trajectory(written, path)
     assert path.read_text().splitlines()[0].startswith("PathFileType\t4\t(X/Y/Z)\ta name in two lines.trc")

@@ -218,7 +218,7 @@ def test_times_that_were_rounded_keep_their_rate(tmp_path, rate_hz: float, round
     time_s = np.round(np.arange(round(60 * rate_hz)) / rate_hz / rounded_s) * rounded_s
     skeleton = dataclasses.replace(load_trajectory(REAL_TRC).skeleton, joints=("nose",), root=(0,))
     status = np.full((len(time_s), 1), Status.OBSERVED)
-    rounded = Trajectory(skeleton, time_s, np.zeros((len(time_s), 1, 3)), status)
+    rounded = Trajectory(skeleton, time_s, np.ones((len(time_s), 1, 3)), status)
     save_trajectory(rounded, tmp_path / "walk.c3d")
     # Of the first and the last time each is off by half of what they are rounded to, and the rate is a 32 bit number.
     assert load_trajectory(tmp_path / "walk.c3d").time_s[-1] == pytest.approx(time_s[-1], abs=rounded_s)
@@ -257,3 +257,21 @@ def test_a_single_frame_can_be_written(trajectory, tmp_path, extension):
     save_trajectory(one, tmp_path / f"one{extension}")
     loaded = load_trajectory(tmp_path / f"one{extension}", trajectory.skeleton)
     np.testing.assert_allclose(loaded.positions_m, one.positions_m, rtol=2**-23)
+
+
+@pytest.mark.parametrize("extension", [".trc", ".c3d"])
+def test_zeros_of_other_programs_are_gaps(trajectory, tmp_path, extension):
+    if extension == ".c3d":
+        pytest.importorskip("ezc3d")
+    path = tmp_path / f"gaps{extension}"
+    positions_m = trajectory.positions_m.copy()
+    positions_m[2:4, 7] = positions_m[2, 1] = 0.0
+    positions_m[0, 0, :2] = 0.0  # two coordinates may be zero
+    save_trajectory(dataclasses.replace(trajectory, positions_m=positions_m), path)
+    names = ", ".join(marker_of_joint(trajectory.skeleton.joints[joint]) for joint in (1, 7))
+    said = rf"gaps\{extension}: 3 of 130 positions are exactly \(0, 0, 0\), of {names}: they are taken for missing"
+    with pytest.warns(UserWarning, match=said):
+        loaded = load_trajectory(path, trajectory.skeleton)
+    expected_m = np.where((positions_m == 0).all(axis=-1, keepdims=True), np.nan, positions_m)
+    np.testing.assert_allclose(loaded.positions_m, expected_m, rtol=2**-23)
+    assert (loaded.status[2:4, 7] == Status.UNOBSERVABLE).all()
