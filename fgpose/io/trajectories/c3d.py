@@ -18,6 +18,7 @@ from fgpose.io.trajectories.markers import (
     marker_of_joint,
     markers_to_trajectory,
     warn_of_uneven_times,
+    without_subject,
     without_zeros,
 )
 from fgpose.kinematics.poses import SegmentPoses
@@ -166,7 +167,7 @@ def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
     residual, or are exactly (0, 0, 0).
 
     Warns:
-        UserWarning: there are zeros; how many, and of which markers.
+        UserWarning: there are zeros; how many, and of which markers. Or there are several subjects.
 
     Raises:
         ImportError: ezc3d is not installed.
@@ -183,6 +184,7 @@ def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
     markers = list(_texts(file, "LABELS"))[:n_markers]
     if len(markers) < n_markers:
         raise ValueError(f"POINT:LABELS names {len(markers)} of {n_markers} markers")
+    markers = without_subject(markers, path)
     positions_m = np.where(missing, np.nan, points[:3] / _UNITS_PER_METRE[unit]).transpose(2, 1, 0)
     said = "".join(_texts(file, "Y_SCREEN")).lower()
     file_up: UpAxis = SIGNED_AXES[SIGNED_AXES.index(said)] if said in SIGNED_AXES else "+z"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from fgpose.trajectory import Status, Trajectory
 
 _CAMEL_CASE = re.compile(r"([LR](?=[A-Z][a-z])|Left|Right)?((?:[A-Z][a-z]+\d*)+)")
 _SIDES = {"L": "left_", "R": "right_", "Left": "left_", "Right": "right_", None: ""}
+# Of a marker of Vicon and OptiTrack: Sub1:Nose.
+_SUBJECT = re.compile(r"([^:]+):(.+)")
 # Pose2Sim calls the middle of the hips Hip in its Halpe models and CHip or MidHip in others.
 _PELVIS = ("Hip", "MidHip", "CHip")
 _MAX_NAMED = 4
@@ -42,6 +45,28 @@ def marker_of_joint(joint: str) -> str:
     words = joint.split("_")[1:] if side else joint.split("_")
     marker = side + "".join(word.capitalize() for word in words)
     return marker if joint_of_marker(marker) == joint else joint
+
+
+def without_subject(markers: list[str], path: Path) -> list[str]:
+    """Names without the subject that Vicon and OptiTrack put before them, if it is the same of all that have one:
+    Sub1:Nose is Nose. Those of several subjects keep it: they are different people, or things.
+
+    Warns:
+        UserWarning: there are several subjects; it names them.
+    """
+    found = {marker: match for marker in markers if (match := _SUBJECT.fullmatch(marker))}
+    counts = Counter(match[1] for match in found.values())
+    if len(counts) > 1:
+        named = [f"{subject} ({n})" for subject, n in counts.most_common(_MAX_NAMED)]
+        whose = ", ".join(named) + (", ..." if len(counts) > _MAX_NAMED else "")
+        warnings.warn(
+            f"{path}: its markers are of several subjects: {whose}. They keep these before their names, so none is "
+            "taken for a joint; export the subject that is wanted alone",
+            stacklevel=5,
+        )
+        return markers
+    alone = [found[marker][2].strip() if marker in found else marker for marker in markers]
+    return alone if len(set(alone)) == len(set(markers)) else markers
 
 
 def without_zeros(

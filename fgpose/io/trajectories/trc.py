@@ -20,7 +20,13 @@ from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_lines
 from fgpose.io.content import read_content, text_lines
 from fgpose.io.tables import as_cell, name_in_cell, one_line
-from fgpose.io.trajectories.markers import constant_rate_hz, marker_of_joint, markers_to_trajectory, without_zeros
+from fgpose.io.trajectories.markers import (
+    constant_rate_hz,
+    marker_of_joint,
+    markers_to_trajectory,
+    without_subject,
+    without_zeros,
+)
 from fgpose.kinematics.body_size import leg_length
 from fgpose.plain_files import check_expansion
 from fgpose.sampling import parts_of
@@ -87,7 +93,8 @@ def read_trc(path: Path) -> Trajectory:
     Where no unit is named, the legs of the body tell it.
 
     Warns:
-        UserWarning: no unit is named, or one that makes a giant or a dwarf; which one was taken. Or there are zeros.
+        UserWarning: no unit is named, or one that makes a giant or a dwarf; which one was taken. Or there are zeros, or
+            several subjects.
 
     Raises:
         ValueError: the header is not that of a TRC file, the unit is not m, cm or mm, or is not named and not told by a
@@ -98,7 +105,7 @@ def read_trc(path: Path) -> Trajectory:
     if len(header) < _N_HEADER_LINES or not header[0].startswith("PathFileType"):
         raise ValueError("it lacks the five header lines of a TRC file")
     separator = next((each for each in _SEPARATORS if each in header[3]), "\t")
-    markers = _markers(header[3], separator)
+    markers = without_subject(_markers(header[3], separator), path)
     table = _frames(content, separator, markers)
     positions = without_zeros(markers, table[:, 1:].reshape(len(table), len(markers), 3), path)
     in_file = markers_to_trajectory(markers, table[:, 0], positions)

@@ -275,3 +275,24 @@ def test_zeros_of_other_programs_are_gaps(trajectory, tmp_path, extension):
     expected_m = np.where((positions_m == 0).all(axis=-1, keepdims=True), np.nan, positions_m)
     np.testing.assert_allclose(loaded.positions_m, expected_m, rtol=2**-23)
     assert (loaded.status[2:4, 7] == Status.UNOBSERVABLE).all()
+
+
+@pytest.mark.parametrize("extension", [".trc", ".c3d"])
+def test_the_subject_before_all_markers_is_no_part_of_their_names(trajectory, tmp_path, extension):
+    if extension == ".c3d":
+        pytest.importorskip("ezc3d")
+    names = tuple(marker_of_joint(joint) for joint in trajectory.skeleton.joints)
+
+    def written(joints: tuple[str, ...]) -> Path:
+        skeleton = dataclasses.replace(trajectory.skeleton, joints=joints)
+        save_trajectory(dataclasses.replace(trajectory, skeleton=skeleton), tmp_path / f"walk{extension}")
+        return tmp_path / f"walk{extension}"
+
+    # Markers that are not labelled have none.
+    path = written((names[0], *(f"Sub1:{name}" for name in names[1:])))
+    assert load_trajectory(path).skeleton.joints == trajectory.skeleton.joints
+    path = written((*(f"Sub1:{name}" for name in names[:-1]), f"Sub2:{names[0]}"))
+    with pytest.warns(UserWarning, match=r"markers are of several subjects: Sub1 \(25\), Sub2 \(1\)\. .* alone"):
+        assert "Sub1:Nose" in load_trajectory(path).skeleton.joints
+    path = written((names[1], f"Sub1:{names[1]}", *names[2:]))
+    assert f"Sub1:{names[1]}" in load_trajectory(path).skeleton.joints
