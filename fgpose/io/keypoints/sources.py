@@ -102,7 +102,9 @@ def _none_there(path: Path) -> str:
     if below:
         named = ", ".join(str(folder) for folder in below[:_MAX_NAMED]) + (", ..." if len(below) > _MAX_NAMED else "")
         return f"no keypoints, but there are some in {named}: give {'one of these' if len(below) > 1 else 'that one'}"
-    others = sorted({file.suffix.lower() for file in visible(path) if file.suffix.lower() in _OTHERS})
+    entries = visible(path)
+    files = [*entries, *(file for entry in entries if entry.is_dir() for file in visible(entry))]
+    others = sorted({file.suffix.lower() for file in files if file.suffix.lower() in _OTHERS})
     if others:
         return f"its {others[0]} files are {_OTHERS[others[0]]}"
     return "no keypoints; expected one folder of JSON files per camera, or one JSON, csv or npz file per camera"

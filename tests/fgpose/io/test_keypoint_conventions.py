@@ -336,6 +336,16 @@ def test_what_cannot_be_read_is_named_with_the_way(tmp_path: Path, rig: CameraRi
     assert "HDF5, as of DeepLabCut or SLEAP: give the table instead (csv" in error_of(tmp_path, rig)
 
 
+@pytest.mark.parametrize("folder", ["", "{camera}/"])
+@pytest.mark.parametrize("rest", ["meta", "full", "assemblies"])
+def test_pickles_that_deeplabcut_leaves_are_of_no_network(tmp_path: Path, rig: CameraRig, folder: str, rest: str):
+    for camera in CAMERAS:
+        stem = f"{folder.format(camera=camera)}{camera}DLC_resnet50"
+        write(tmp_path / f"{stem}.h5", "HDF")
+        write(tmp_path / f"{stem}_{rest}.pickle", "pickle")
+    assert "its .h5 files are HDF5, as of DeepLabCut or SLEAP: give the table instead" in error_of(tmp_path, rig)
+
+
 # Which joints
 
 

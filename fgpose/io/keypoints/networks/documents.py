@@ -18,8 +18,8 @@ from fgpose.io.torch_files import read_torch
 from fgpose.plain_files import check_expansion, max_file_bytes, open_plain
 
 _PICKLES, _TORCH = (".pkl", ".pickle"), (".pt", ".pth")
-# Of other programs, beside keypoints: OpenCap's cameras.
-_OTHER_PICKLES = ("cameraIntrinsicsExtrinsics.pickle",)
+# How names of other programs end, beside keypoints: OpenCap's cameras, what DeepLabCut leaves beside its tables.
+_OTHER_PICKLES = ("cameraIntrinsicsExtrinsics.pickle", "_meta.pickle", "_full.pickle", "_assemblies.pickle")
 _HEADER_BYTES = 128
 _OBJECTS = b"'descr': '|O'"
 # What only a member of an npz or a key of a document says: of these programs, in a world of their own.
@@ -49,7 +49,7 @@ def is_document_of_network(path: Path, of_arrays: Sequence[str]) -> bool:
         return any(f'"{name}"'.encode() in content for name in (*of_arrays, *_MARKS_OF_WORLDS))
     if suffix == ".npy":
         return _OBJECTS in first_bytes(path, _HEADER_BYTES)
-    return suffix in _TORCH or (suffix in _PICKLES and path.name not in _OTHER_PICKLES)
+    return suffix in _TORCH or (suffix in _PICKLES and not path.name.endswith(_OTHER_PICKLES))
 
 
 def read_document(path: Path, of_arrays: Sequence[str]) -> Any:
