@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
@@ -26,8 +27,9 @@ _NO_COLUMN = -1
 
 
 def is_deeplabcut(path: Path) -> bool:
-    """Whether a csv begins as DeepLabCut's. Raises OSError if it cannot be read."""
-    return first_bytes(path, 7) == b"scorer,"
+    """Whether a csv begins as DeepLabCut's, or as Excel saves it: with a byte order mark, with semicolons. Raises
+    OSError if it cannot be read."""
+    return first_bytes(path, 10).removeprefix(codecs.BOM_UTF8).startswith((b"scorer,", b"scorer;"))
 
 
 def read(source: Provenance, skeleton: Skeleton) -> CameraDetections:
@@ -39,7 +41,7 @@ def read(source: Provenance, skeleton: Skeleton) -> CameraDetections:
             camera, frame and joint.
     """
     with naming(source, "not a table of DeepLabCut", damage=[csv.Error]):
-        rows = filter(None, csv.reader(text_lines(read_content(source.path))))
+        rows = _rows(source.path)
         start = list(islice(rows, len(_HEADER)))
         header = _header(start)
         first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
@@ -64,10 +66,17 @@ def read(source: Provenance, skeleton: Skeleton) -> CameraDetections:
 def body_parts(source: Provenance) -> tuple[str, ...]:
     """The names of its joints. Raises ValueError as read."""
     with naming(source, "not a table of DeepLabCut", damage=[csv.Error]):
-        rows = filter(None, csv.reader(text_lines(read_content(source.path))))
+        rows = _rows(source.path)
         header = _header(list(islice(rows, len(_HEADER))))
         first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
     return tuple(dict.fromkeys(header["bodyparts"][first:]))
+
+
+def _rows(path: Path) -> Iterator[list[str]]:
+    """Those that are not empty."""
+    content = read_content(path)
+    semicolons = next(text_lines(content), "").startswith("scorer;")
+    return filter(None, csv.reader(text_lines(content), delimiter=";" if semicolons else ","))
 
 
 def _header(rows: Sequence[list[str]]) -> dict[str, list[str]]:
@@ -91,7 +100,8 @@ def _body(
             raise ValueError(f"row {number} has {len(row)} cells, coords has {n_columns}")
         if number > n_header:
             names.append(row[first - 1] if first else str(len(names)))
-            values.extend(float(cell) if cell.strip() else math.nan for cell in row[first:])
+            # Where cells are separated by semicolons, numbers may have decimal commas.
+            values.extend(float(cell.replace(",", ".")) if cell.strip() else math.nan for cell in row[first:])
     return names, np.array(values).reshape(len(names), n_columns - first)
 
 

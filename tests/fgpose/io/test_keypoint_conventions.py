@@ -294,6 +294,17 @@ def test_tables_of_deeplabcut(tmp_path: Path, rig: CameraRig):
     assert "not a table of DeepLabCut: it lacks the rows bodyparts and coords" in error_of(tmp_path, rig)
 
 
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_tables_of_deeplabcut_that_excel_has_saved(tmp_path: Path, rig: CameraRig, decimal: str):
+    for c, camera in enumerate(CAMERAS):
+        table = "\ufeff" + dlc_table(c)
+        if c:
+            table = table.replace(",", ";").replace(".", decimal)
+        (tmp_path / f"{camera}DLC_x.csv").write_text(table, encoding="utf-8", newline="\r\n")
+    with pytest.warns(UserWarning, match="joints"):
+        assert_read(load(tmp_path, rig))
+
+
 def test_several_individuals_of_deeplabcut(tmp_path: Path, rig: CameraRig):
     for c, camera in enumerate(CAMERAS):
         one = [line.split(",") for line in dlc_table(c).splitlines()]
