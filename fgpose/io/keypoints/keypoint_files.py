@@ -17,7 +17,7 @@ from fgpose.io.keypoints import camera_files, freemocap, image_files, live_files
 from fgpose.io.keypoints.detections import CameraDetections
 from fgpose.io.keypoints.networks import network_files, placing
 from fgpose.io.keypoints.scores import as_confidences, without_zeros
-from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
+from fgpose.io.keypoints.sources import filtered_beside, freemocap_file, keypoint_sources
 from fgpose.io.keypoints.stated_skeleton import stated_skeleton
 from fgpose.io.names import match_cameras
 from fgpose.io.skeletons import as_skeleton
@@ -262,6 +262,8 @@ def _read_cameras(path: Path, skeleton: Skeleton) -> tuple[dict[str, CameraDetec
     remarks = of_zeros + of_scores
     if array is not None:
         remarks += ("the cameras have no names in this file: they are taken in the order of the calibration",)
+    else:
+        remarks += filtered_beside(path)
     remarks += _counted_from_1(cameras)
     given = {image.n_given for images in cameras.values() for image in images.values()} - {0, skeleton.n_joints}
     if given:

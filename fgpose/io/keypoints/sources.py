@@ -21,6 +21,7 @@ _OTHERS = {
     "analyze_videos_converth5_to_csv)",
     ".slp": "SLEAP: give keypoints as COCO results, or make a recording of fgpose in Python",
 }
+_FILTERED = "_filtered"  # what DeepLabCut adds to the name of a table that it has smoothed
 
 
 def keypoint_sources(path: Path) -> dict[str, Path]:
@@ -65,7 +66,7 @@ def _found(path: Path) -> list[Path]:
     entries = visible(path)
     folders = [source for entry in entries if entry.is_dir() for source in _in_folder(entry)]
     files = [entry for entry in entries if entry.is_file()]
-    tables = [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
+    tables = _tables(files)
     found = [*folders, *(file for file in files if file.suffix in (".json", ".npz"))] or tables
     # Weights and other pickles lie beside keypoints of other programs.
     return found or [source for source in entries if source.is_dir() or is_binary(source) if is_of_network(source)]
@@ -80,10 +81,33 @@ def _in_folder(folder: Path) -> list[Path]:
         return whole
     if documents and (not _is_of_whole_camera(documents[0]) or (len(documents) > 1 and is_of_network(folder))):
         return [folder]
-    tables = [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
+    tables = _tables(files)
     # Of several cameras: they are found when the folder itself is given.
     several = len({camera_name(file.stem) for file in documents or tables}) > 1
     return [] if several else documents or tables
+
+
+def _tables(files: Iterable[Path]) -> list[Path]:
+    """Those of DeepLabCut, without a filtered one beside that from which it was made: fgpose smooths itself."""
+    tables = [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
+    filtered = {_filtered(table) for table in tables}
+    return [table for table in tables if table not in filtered]
+
+
+def _filtered(table: Path) -> Path:
+    return table.with_stem(f"{table.stem}{_FILTERED}")
+
+
+def filtered_beside(path: Path) -> tuple[str, ...]:
+    """What to say of filtered tables of DeepLabCut beside those that are read. Raises as keypoint_sources."""
+    tables = (source for source in keypoint_sources(path).values() if source.suffix == ".csv")
+    left_out = [table for table in map(_filtered, tables) if path.is_dir() and table.exists()]
+    if not left_out:
+        return ()
+    return (
+        f"of each table and its filtered one the first is read, not {left_out[0].name}: what is smoothed twice cuts "
+        "off fast limbs",
+    )
 
 
 def _is_of_whole_camera(document: Path) -> bool:

@@ -305,6 +305,19 @@ def test_tables_of_deeplabcut_that_excel_has_saved(tmp_path: Path, rig: CameraRi
         assert_read(load(tmp_path, rig))
 
 
+@pytest.mark.parametrize("stem", ["{camera}DLC_resnet50", "{camera}", "{camera}/{camera}DLC_resnet50"])
+@pytest.mark.filterwarnings("ignore:.*of the 18 joints")
+def test_the_table_from_which_a_filtered_one_was_made_is_read(tmp_path: Path, rig: CameraRig, stem: str):
+    for c, camera in enumerate(CAMERAS):
+        path = tmp_path / stem.format(camera=camera)
+        write(path.with_name(f"{path.name}.csv"), dlc_table(c))
+        write(path.with_name(f"{path.name}_filtered.csv"), dlc_table(1 - c))
+    with pytest.warns(
+        UserWarning, match=r"of each table and its filtered one the first is read, not cam01\w*_filtered"
+    ):
+        assert_read(load(tmp_path, rig))
+
+
 def test_several_individuals_of_deeplabcut(tmp_path: Path, rig: CameraRig):
     for c, camera in enumerate(CAMERAS):
         one = [line.split(",") for line in dlc_table(c).splitlines()]
