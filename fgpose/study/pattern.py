@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fgpose.io.names import natural_key
+from fgpose.io.studies.results import are_results
 
 OnError = Callable[[OSError], None]
 """Called with what is wrong with a folder, which is then passed over."""
@@ -42,7 +43,8 @@ class Pattern:
         self, root: Path, names: Mapping[str, str] | None = None, on_error: OnError | None = None
     ) -> Iterator[tuple[Path, dict[str, str]]]:
         """The paths that match, with their names, folder by folder in natural order. At no time more is held than the
-        names in one folder of each level.
+        names in one folder of each level. Folders of results of studies are entered only where the pattern has their
+        own name.
 
         Args:
             root: to which the pattern is relative, unless it is absolute.
@@ -91,7 +93,10 @@ def _inside(
     return [
         (entry, found.groupdict())
         for entry, found in matches.items()
-        if found and not entry.startswith(".") and (not only_folders or (folder / entry).is_dir())
+        if found
+        and not entry.startswith(".")
+        and (not only_folders or (folder / entry).is_dir())
+        and not are_results(folder / entry)
     ]
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from fgpose.io.atomic import check_writable
 from fgpose.io.content import first_bytes
 from fgpose.io.studies.events import Event, read_events
-from fgpose.io.studies.results import STUDY_NAME, WORLD_UP, check_unlinked, part_path, parts_of, write_rows
+from fgpose.io.studies.results import LOCK, STUDY_NAME, WORLD_UP, check_unlinked, part_path, parts_of, write_rows
 from fgpose.io.studies.state import RecordingState, load_state
 from fgpose.study.chain import fingerprints
 from fgpose.study.cluster import run, workers
@@ -213,9 +213,9 @@ def _alone(output: Path) -> Iterator[None]:
     """Raises OSError if another process works on a study in this folder. The lock ends with the process."""
     # A link in a study from elsewhere could name any file: it is not followed, and nothing is emptied.
     try:
-        lock = os.open(output / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
+        lock = os.open(output / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
     except OSError as error:
-        raise OSError(f"cannot lock {output / '.lock'}: {error.strerror}") from None
+        raise OSError(f"cannot lock {output / LOCK}: {error.strerror}") from None
     with open(lock, "r+b", buffering=0) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

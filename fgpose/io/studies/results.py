@@ -29,6 +29,8 @@ _FINGERPRINT = b"fgpose.fingerprint"
 # What fgpose study and fgpose report write into the folder of the results.
 _FOLDERS = ("recordings", "motion", "angles")
 _FILES = ("quality.csv", "quality.parquet", "events.parquet", "report.html")
+LOCK = ".lock"
+"""In that folder while a study is at work, and from then on."""
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: Path, metadata: Mapping[str, str] | None = None) -> None:
@@ -99,6 +101,26 @@ def part_fingerprint(part: Path) -> str | None:
 def parts_of(data_set: Path) -> list[Path]:
     """All files of a data set."""
     return not_hidden(data_set.glob("subject=*/session=*/*.parquet"))
+
+
+def are_results(path: Path) -> bool:
+    """Whether a folder is the output of a study, or holds such and nothing else. False where it cannot be listed."""
+    if _is_output(path):
+        return True
+    try:
+        with os.scandir(path) as entries:
+            inside = (Path(entry.path) for entry in entries if not entry.name.startswith("."))
+            first = next(inside, None)
+            # The first that is none ends it: folders of keypoints have a file for each image.
+            return first is not None and _is_output(first) and all(map(_is_output, inside))
+    except OSError:
+        return False
+
+
+def _is_output(folder: Path) -> bool:
+    """A study that was killed has no table of quality yet."""
+    has_file = any(os.path.isfile(folder / name) for name in ("quality.parquet", LOCK))
+    return has_file and os.path.isdir(folder / "recordings")
 
 
 def check_unlinked(results: Path) -> None:

@@ -112,6 +112,35 @@ def test_results_are_no_recordings(edited: Callable[[str, str], Path]) -> None:
     assert not any(key.startswith("S09") for key in keys(study))
 
 
+@pytest.mark.parametrize("output", ["out/gait", "S01/gait", "gait"])
+@pytest.mark.parametrize("written", ["quality.parquet", ".lock"])
+def test_results_of_other_studies_are_no_recordings(
+    edited: Callable[[str, str], Path], output: str, written: str
+) -> None:
+    study = load_study(edited("{trial}.npz", "{trial}"))
+    before = keys(study)
+    results = study.root / output
+    for folder in ("recordings/S01/A/walk", "motion/subject=S01", "angles/subject=S01"):
+        (results / folder).mkdir(parents=True)
+    (results / written).touch()
+    assert keys(study) == before
+    # A pattern may name them.
+    (results / "recordings" / "S01" / "A" / "walk" / "seen.npz").touch()
+    named = edited("{subject}/{session}/{trial}", f"{output}/recordings/{{subject}}/{{session}}/{{trial}}/seen.npz")
+    assert keys(load_study(named)) == ["S01/A/walk"]
+
+
+def test_a_folder_of_nothing_but_results_is_no_recording(tmp_path: Path) -> None:
+    data = {"keypoints": ["{trial}"], "calibration": "Calib.toml", "skeleton": "h36m_17"}
+    study = study_of({"data": data}, tmp_path / "study.toml")
+    make(tmp_path, "walk", "Calib.toml")
+    for name in ("gait", "jumps"):
+        make(tmp_path / "out" / name, "recordings", "quality.parquet")
+    assert keys(study) == ["all/all/walk"]
+    make(tmp_path, "out/cam01_json")
+    assert keys(study) == ["all/all/out", "all/all/walk"]
+
+
 def pose2sim_study(root: Path, **data: object) -> StudyDescription:
     return study_of({"data": {"layout": "pose2sim", "skeleton": "body_25b", **data}}, root / "study.toml")
 
