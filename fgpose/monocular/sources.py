@@ -10,6 +10,7 @@ import numpy as np
 
 from fgpose.association.common_clock import is_far_off
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import later_s
 from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.io.names import match_cameras, named_cameras, visible
 from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, open_clip
@@ -36,6 +37,12 @@ class Sources:
     def fps(self) -> float:
         """Of the fastest camera."""
         return max(clip.fps for clip in self.clips)
+
+    def taken_s(self) -> list[np.ndarray]:
+        """When the images of each camera, (image,), were taken, by the clock of the rig. Raises ValueError as
+        Clip.stamps_s."""
+        stamps_s = [clip.times_s(clip.stamps_s()) for clip in self.clips]
+        return [own_s + later_s(camera, own_s) for camera, own_s in zip(self.rig.cameras, stamps_s, strict=True)]
 
     def on_common_clock(self) -> Sources:
         """The same by the clock of the rig, if a camera's time offset is more than half a frame: the clips begin then,

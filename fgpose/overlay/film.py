@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from fgpose.geometry.camera import Camera
-from fgpose.geometry.changing_rig import held_by, later_s, pieces_of
+from fgpose.geometry.changing_rig import held_by, pieces_of
 from fgpose.io.atomic import replacing
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.sources import Sources
@@ -37,12 +37,6 @@ class Shown:
     camera: Camera
     taken_s: Float[np.ndarray, " image"]
     moments: Moments
-
-    @staticmethod
-    def of(clip: Clip, camera: Camera, people: Mapping[int, Trajectory]) -> Shown:
-        stamp_s = clip.times_s(clip.stamps_s())
-        taken_s = stamp_s + later_s(camera, stamp_s)
-        return Shown(clip, camera, taken_s, Moments(people, taken_s))
 
     def numbers(self, wanted: TimeRange) -> Int[np.ndarray, " wanted"]:
         """Of the images in that time. Raises ValueError: there is none; the message names the video."""
@@ -81,7 +75,8 @@ def check_films() -> None:
 
 def shown(sources: Sources, people: Mapping[int, Trajectory]) -> list[Shown]:
     """All cameras. Raises ValueError: a video cannot be read; the message names it."""
-    return [Shown.of(clip, camera, people) for clip, camera in zip(sources.clips, sources.rig.cameras, strict=True)]
+    cameras = zip(sources.clips, sources.rig.cameras, sources.taken_s(), strict=True)
+    return [Shown(clip, camera, taken_s, Moments(people, taken_s)) for clip, camera, taken_s in cameras]
 
 
 def film_of_each(

@@ -177,6 +177,7 @@ class Overlay(CameraChoice):
 
     def run(self) -> None:
         from fgpose.io.trajectories import load_origin, load_upright
+        from fgpose.monocular.common_times import CommonTimes
         from fgpose.monocular.sources import open_sources
         from fgpose.overlay.drawing import Drawing
         from fgpose.overlay.film import check_films, film_of_all, film_of_each, shown
@@ -198,6 +199,8 @@ class Overlay(CameraChoice):
         for path in paths:
             check_replaceable(path)
         views = shown(sources, people)
+        with naming(self.file):
+            CommonTimes.of(people, [view.taken_s for view in views], sources.fps).check(self.file, wanted)
         skeleton = next(iter(people.values())).skeleton
         drawing = Drawing(skeleton, ellipses=self.ellipses, numbers=len(people) > 1)
         with progress_bar("drawing", "images") as progress:

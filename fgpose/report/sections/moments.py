@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import Camera
-from fgpose.monocular.clips import Clip
-from fgpose.monocular.sources import open_sources
+from fgpose.monocular.common_times import CommonTimes
+from fgpose.monocular.sources import Sources, open_sources
 from fgpose.report.blocks import Block, Folded, JpegPicture, Note, PicturedMoment, Section
 from fgpose.report.sections.worst_moments import WorstMoment, worst_moments
 from fgpose.sampling import nearest
@@ -35,7 +35,8 @@ def moment_section(recording: FinishedRecording) -> Section:
     if missing:
         blocks.append(Note(missing, is_missing=True))
     else:
-        shown = pictures(recording, moments)
+        shown, doubt = _pictures(recording, moments)
+        blocks += [Note(doubt, is_missing=True)] if doubt else []
     pictured: list[Block] = [
         PicturedMoment(
             _title(recording, moment), f"{moment.reason[0].upper()}{moment.reason[1:]}.", shown.get(moment, ())
@@ -70,22 +71,48 @@ def _why_no_pictures(recording: FinishedRecording) -> str:
     return ""
 
 
-def pictures(
+def _pictures(
     recording: FinishedRecording, moments: Sequence[WorstMoment]
+) -> tuple[dict[WorstMoment, tuple[JpegPicture, ...]], str]:
+    """Those of pictures, and why there are none, or why they are probably of other moments; empty: they are not.
+
+    Raises as pictures.
+    """
+    assert recording.rig is not None
+    assert recording.videos is not None
+    sources = open_sources(recording.videos, recording.rig, fps=recording.images_hz)
+    taken_s = sources.taken_s()
+    found = pictures(recording, moments, sources, taken_s)
+    times = CommonTimes.of(recording.people, taken_s, sources.fps)
+    if any(found.values()):
+        return found, times.doubt()
+    first_s, last_s = times.images_s
+    of_others = f"no image is of these moments, all are from {first_s:.10g} s to {last_s:.10g} s."
+    return {}, f"No pictures: {times.nothing() or times.doubt() or of_others}"
+
+
+def pictures(
+    recording: FinishedRecording,
+    moments: Sequence[WorstMoment],
+    sources: Sources,
+    taken_s: Sequence[np.ndarray],
 ) -> dict[WorstMoment, tuple[JpegPicture, ...]]:
     """One of each camera and moment; none of a camera whose video has ended.
+
+    Args:
+        recording: whose moments these are.
+        moments: the worst.
+        sources: what its cameras recorded.
+        taken_s: when the images of each camera, (image,), were taken, see Sources.taken_s.
 
     Raises:
         ValueError: the videos are not those of the rig, or one is damaged; the message names the file.
         OSError: a file cannot be opened.
     """
-    assert recording.rig is not None
-    assert recording.videos is not None
-    sources = open_sources(recording.videos, recording.rig, fps=recording.images_hz)
+    times_s = np.array([moment.time_s for moment in moments])
     found: dict[WorstMoment, list[JpegPicture]] = {moment: [] for moment in moments}
-    for c, (camera, clip) in enumerate(zip(sources.rig.cameras, sources.clips, strict=True)):
-        times_s = np.array([moment.time_s + camera.time_offset_s for moment in moments])
-        numbers = dict(zip(moments, _image_numbers(clip, times_s), strict=True))
+    for c, (camera, clip, own_s) in enumerate(zip(sources.rig.cameras, sources.clips, taken_s, strict=True)):
+        numbers = dict(zip(moments, _image_numbers(own_s, 1 / clip.fps, times_s), strict=True))
         images = clip.images_at(sorted({number for number in numbers.values() if number is not None}))
         for moment, number in numbers.items():
             if number in images:
@@ -93,10 +120,10 @@ def pictures(
     return {moment: tuple(of_moment) for moment, of_moment in found.items()}
 
 
-def _image_numbers(clip: Clip, times_s: Float[np.ndarray, " moment"]) -> list[int | None]:
+def _image_numbers(
+    taken_s: Float[np.ndarray, " image"], step_s: float, times_s: Float[np.ndarray, " moment"]
+) -> list[int | None]:
     """That of the image nearest to each time; none before the first image, and after the last."""
-    taken_s = clip.times_s(clip.stamps_s())
-    step_s = 1 / clip.fps
     is_there = (times_s > taken_s[0] - step_s) & (times_s < taken_s[-1] + step_s)
     return [n if there else None for n, there in zip(nearest(times_s, taken_s).tolist(), is_there, strict=True)]
 

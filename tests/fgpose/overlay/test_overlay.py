@@ -109,6 +109,31 @@ def test_videos_of_another_recording_are_told(
     assert "ring_1.mp4 is not the file that the result was made from" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize(("first", "code"), [(0, 0), (1, 0), (1000, 2)])
+def test_a_result_of_other_times_is_told(
+    recorded: list[str],
+    squares: SquaresScene,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    first: int,
+    code: int,
+) -> None:
+    """Keypoints that are not numbered as the images: from 1, and from 1000."""
+    walking = trajectory(squares, 20)
+    fgpose.save_trajectory(replace(walking, time_s=walking.time_s + first / FPS), tmp_path / "pose.npz")
+    assert main([*recorded, "-o", str(tmp_path / "film.mp4"), "--to", "100"]) == code
+    said = {
+        0: "",
+        1: "pose.npz: the result begins and ends 1 image after those of a camera, and is as long",
+        1000: "the result is from 50 s to 50.95 s, the images are from 0 s to 0.98 s: they have no time in common",
+    }
+    error = capsys.readouterr().err
+    assert said[first] in error
+    assert ("number both alike" in error) == (first > 0)
+    assert (tmp_path / "film.mp4").exists() == (code == 0)
+
+
 def test_what_is_predicted_is_hollow_and_the_ellipse_holds_95_percent(squares: SquaresScene) -> None:
     camera, walking = squares.rig.cameras[0], trajectory(squares, 2)
     status = np.array([Status.OBSERVED, Status.PREDICTED, Status.OBSERVED])

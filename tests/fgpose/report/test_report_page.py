@@ -23,19 +23,21 @@ from fgpose.io.calibration import save_rig
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import save_trajectory
 from fgpose.kinematics.angles import joint_angles
+from fgpose.monocular.sources import open_sources
 from fgpose.report import (
     FinishedRecording,
     find_result,
     load_finished,
     write_report,
 )
-from fgpose.report.blocks import Block, Folded, PicturedMoment, Plot, Section, Table
+from fgpose.report.blocks import Block, Folded, JpegPicture, Note, PicturedMoment, Plot, Section, Table
 from fgpose.report.page import Page, html
 from fgpose.report.plots import TIME_AXIS, share_time
 from fgpose.report.sections import sections
 from fgpose.report.sections.angles import angle_section
 from fgpose.report.sections.body import sigma_section
 from fgpose.report.sections.cameras import camera_section, reprojection_section, seen_section
+from fgpose.report.sections.moments import moment_section, pictures
 from fgpose.report.sections.worst_moments import WorstMoment
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
@@ -237,20 +239,30 @@ def test_bands_hold_95_percent_and_axes_do_not_magnify_errors(walk: FinishedReco
     assert min(spans_deg) >= 20
 
 
-def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_path: Path) -> None:
-    from fgpose.report.sections.moments import pictures
+def pictures_of(recording: FinishedRecording, moments: list[WorstMoment]) -> dict[WorstMoment, tuple[JpegPicture, ...]]:
+    assert recording.rig is not None
+    assert recording.videos is not None
+    sources = open_sources(recording.videos, recording.rig, fps=recording.images_hz)
+    return pictures(recording, moments, sources, sources.taken_s())
 
+
+def filmed(walk: FinishedRecording, folder: Path, n_images: int, first: int = 0) -> None:
+    """An image of each camera for each frame, as grey as its number."""
     assert walk.rig is not None
-    moments = [WorstMoment(0, frame, frame / FPS, "", ("pelvis",)) for frame in (12, 31)]
-    first, *others = (tmp_path / name for name in walk.rig.names)
-    first.mkdir()
-    for frame in range(max(moment.frame for moment in moments) + 1):
-        cv2.imwrite(str(first / f"{frame:04}.png"), np.full((1000, 1000, 3), frame % 250, np.uint8))
+    one, *others = (folder / name for name in walk.rig.names)
+    one.mkdir()
+    for frame in range(n_images):
+        cv2.imwrite(str(one / f"{frame + first:04}.png"), np.full((1000, 1000, 3), frame % 250, np.uint8))
     for other in others:
-        shutil.copytree(first, other, copy_function=os.link)
+        shutil.copytree(one, other, copy_function=os.link)
+
+
+def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_path: Path) -> None:
+    moments = [WorstMoment(0, frame, frame / FPS, "", ("pelvis",)) for frame in (12, 31)]
+    filmed(walk, tmp_path, max(moment.frame for moment in moments) + 1)
     with pytest.raises(ValueError, match="frames per second"):
-        pictures(replace(walk, videos=tmp_path), moments)
-    found = pictures(replace(walk, videos=tmp_path, images_hz=FPS), moments)
+        pictures_of(replace(walk, videos=tmp_path), moments)
+    found = pictures_of(replace(walk, videos=tmp_path, images_hz=FPS), moments)
     assert [len(of_moment) for of_moment in found.values()] == [4, 4]
     for moment in moments:
         content = np.frombuffer(base64.b64decode(found[moment][0].source.partition(",")[2]), np.uint8)
@@ -260,10 +272,24 @@ def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_pat
         assert abs(int(image[2, 2, 0]) - moment.frame % 250) <= 2
 
 
+@pytest.mark.parametrize(
+    ("first", "said"),
+    [
+        (0, ""),
+        (1, "the result begins and ends 1 image before those of a camera"),
+        (1000, "No pictures: the result is from 0 s to"),
+    ],
+)
+def test_pictures_of_other_times_are_told(walk: FinishedRecording, tmp_path: Path, first: int, said: str) -> None:
+    filmed(walk, tmp_path, walk.main.n_frames, first)
+    section = moment_section(replace(walk, videos=tmp_path, images_hz=FPS))
+    notes = [block.text for block in section.blocks if isinstance(block, Note)]
+    assert len(notes) == (1 if said else 0)
+    assert all(said in note for note in notes)
+
+
 @pytest.mark.slow
 def test_pictures_are_those_of_the_time_in_videos_of_variable_rate(walk: FinishedRecording, tmp_path: Path) -> None:
-    from fgpose.report.sections.moments import pictures
-
     assert walk.rig is not None
     # As phones record when the light changes: 30 images per second, then 10, then 60.
     times_ms = np.cumsum([0, *(20 * [33]), *(10 * [100]), *(20 * [17])])
@@ -271,7 +297,7 @@ def test_pictures_are_those_of_the_time_in_videos_of_variable_rate(walk: Finishe
         write_video_at(tmp_path / f"{name}.mp4", times_ms)
     moments = [WorstMoment(0, round(at_s * FPS), at_s, "", ("pelvis",)) for at_s in (0.3, 1.2, 1.9)]
     late = WorstMoment(0, 100, float(times_ms[-1]) / 1000 + 1, "", ("pelvis",))
-    found = pictures(replace(walk, videos=tmp_path), [*moments, late])
+    found = pictures_of(replace(walk, videos=tmp_path), [*moments, late])
     for moment in moments:
         content = np.frombuffer(base64.b64decode(found[moment][0].source.partition(",")[2]), np.uint8)
         image = cv2.imdecode(content, cv2.IMREAD_COLOR)
