@@ -80,11 +80,11 @@ class LivePerson:
 
     person: int
     state: TrackState
-    """CONFIRMED, or COASTING where no camera detects them at the moment."""
+    """CONFIRMED, or COASTING where no camera detects them at the moment, or images stay away."""
     positions_m: np.ndarray
     """(J, 3) in the world frame; NaN where nothing determines a joint."""
     covariance_m2: np.ndarray
-    """(J, 3, 3)"""
+    """(J, 3, 3) of the positions at the time of the frame; more while images stay away."""
     status: np.ndarray
     """(J,) values of fgpose.Status."""
     probability: np.ndarray

@@ -10,8 +10,6 @@ from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, 
 from fgpose.live.tracking.observed import ObservedVolume
 from fgpose.skeleton import Skeleton
 
-# Predicted people say so when no image has come for longer than the slowest usual camera takes.
-_COASTS_AFTER_S = 0.2
 # What motion must tell of a clock so that it counts, a tenth of a step, and how much of it is allowed for.
 _TOLD_SIGMA_S, _SIGMAS = 0.03, 3.0
 
@@ -43,6 +41,8 @@ class Known:
     """Of the people; NaN before the first image."""
     newest_s: float
     """When the newest image was taken that was used; -inf: none was."""
+    longest_s: float
+    """When that image is older, images stay away and people say that they are predicted: usually they come earlier."""
     since_s: float
     """See LiveFrame.tracking_since_s."""
     cameras: Mapping[str, KnownCamera]
@@ -53,7 +53,7 @@ class Known:
         """What it says at a time, beside how the cameras are then: with no news for long, people may be anywhere."""
         unseen_s = now_s - self.newest_s
         people = self.people
-        if unseen_s > _COASTS_AFTER_S:
+        if unseen_s > self.longest_s:
             people = tuple(person.coasting(unseen_s) for person in people)
         told = tuple(self._told(camera, cameras) for camera in cameras)
         return LiveFrame(

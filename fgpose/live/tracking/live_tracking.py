@@ -21,6 +21,7 @@ from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.known import Known, KnownCamera
 from fgpose.live.tracking.moments import Moments
 from fgpose.live.tracking.observed import ObservedVolume
+from fgpose.live.tracking.usual_age import UsualAge
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.tracking import Tracker
@@ -78,6 +79,7 @@ class LiveTracking:
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
         self._image_s: dict[str, float] = {}
+        self._usual_age = UsualAge()
         self._last: dict[str, Detections] = {}
         """The newest of each camera that were not refused."""
         self._frame_s = -np.inf
@@ -132,6 +134,7 @@ class LiveTracking:
 
     def frame(self, now_s: float, cameras: Sequence[CameraStatus], restarts: tuple[Restarts, ...] = ()) -> LiveFrame:
         """What can be said now. The images of the cameras that were used, or not, are added to their statuses."""
+        self._usual_age.add(self.newest_s, now_s)
         self._known = self._now_known()
         return self.frame_without_news(now_s, cameras, restarts)
 
@@ -268,6 +271,7 @@ class LiveTracking:
             people=self._people,
             time_s=self._frame_s if self._image_s else np.nan,
             newest_s=self.newest_s,
+            longest_s=self._usual_age.longest_s,
             since_s=self._since_s,
             cameras=cameras,
         )

@@ -123,6 +123,26 @@ def test_without_images_people_may_be_anywhere_and_nothing_is_observed(fed: tupl
         assert not after.probability.any()
 
 
+def test_whose_images_always_come_late_is_seen_until_they_stay_away(caplog: pytest.LogCaptureFixture) -> None:
+    live, late_s, seen, now_s = tracking(), 0.25, 0, 0.0
+    for image in scene().observations.images[: 4 * 75]:  # 1.5 s
+        now_s = image.time_s + late_s
+        live.add(RecordedImage(image, now_s), now_s)
+        if live.look(now_s, scene().rig.names):
+            for person in live.frame(now_s, statuses()).people:
+                seen += 1
+                assert person.state is TrackState.CONFIRMED
+                assert (person.status == fgpose.Status.OBSERVED).mean() > 0.5
+                # Of when the images were taken, not of now: 0.8 m/s for the delay would be 0.2 m and more.
+                assert np.sqrt(np.nanmedian(np.diagonal(person.covariance_m2, axis1=1, axis2=2))) < 0.1
+    assert seen > 100  # two people in most of 75 moments
+    assert [record.message[:37] for record in caplog.records] == ["frames come 0.25 s after their images"]
+    for unseen_s, state in ((0.04, TrackState.CONFIRMED), (0.2, TrackState.COASTING)):  # two and ten intervals
+        people = live.frame_without_news(now_s + unseen_s, statuses()).people
+        assert [person.state for person in people] == [state, state]
+    assert not people[0].probability.any()
+
+
 def test_nobody_is_said_too():
     frame = tracking().frame(5.0, statuses())
     assert (frame.people, frame.sequence) == ((), 0)
