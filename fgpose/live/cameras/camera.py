@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.finding import Code
-from fgpose.live.cameras.clock_model import ClockModel
+from fgpose.live.cameras.backlog import Backlog
+from fgpose.live.cameras.clock_model import ClockModel, Stamp
 from fgpose.live.cameras.frozen_keypoints import REASON, FrozenKeypoints
 from fgpose.live.cameras.health import CameraVerdict, Health
 from fgpose.live.cameras.image import Image, SourceImage
@@ -60,6 +61,7 @@ class LiveCamera:
         self.name, self.settings, self.clock = name, settings, clock
         self._on_event = on_event
         self._model = ClockModel(settings.latency_s, settings.clock)
+        self._backlog = Backlog()
         self._health = Health(settings.fps, late_s if settings.pace == "real time" else np.inf)
         self._picture_faults = PictureFaults()
         self._keypoints = FrozenKeypoints()
@@ -72,6 +74,7 @@ class LiveCamera:
         """Its source was opened: stamps may begin anew."""
         with self._lock:
             self._model.restart()
+            self._backlog = Backlog()
             self._picture_faults.restart()
             self._keypoints = FrozenKeypoints()
             self._health.connected(self.clock.now_s())
@@ -100,9 +103,13 @@ class LiveCamera:
 
     def receive(self, image: SourceImage) -> Image | None:
         """Take an image that has just arrived; it is given back with its time, which is after that of the one before.
-        None: it is damaged, or its clock says that it was taken no later than the one before, or is yet to be taken."""
+        None: it is damaged, or its clock says that it was taken no later than the one before, or is yet to be taken; or
+        it may have waited for the connection."""
         arrived_s = self.clock.now_s()
         with self._lock:
+            if self._had_waited(image.stamp, arrived_s):
+                self._n_images, self._n_refused = self._n_images + 1, self._n_refused + 1
+                return None
             n_jumps = self._model.n_jumps
             captured_s = self._model.captured_s(image.stamp, arrived_s)
             time_sigma_s = self._model.time_sigma_s
@@ -131,6 +138,23 @@ class LiveCamera:
             image = dataclasses.replace(image, detections=image.detections.at(captured_s))
         is_trusted = not picture_faults
         return Image(self.name, number, captured_s, arrived_s, image, time_sigma_s, is_trusted=is_trusted)
+
+    def _had_waited(self, stamp: Stamp | None, arrived_s: float) -> bool:
+        """Or may have, for all that is known of a new connection."""
+        backlog = self._backlog
+        if stamp is None or stamp.is_host_time or backlog.is_over:
+            return False
+        backlog.add(stamp.stamp_s, arrived_s)
+        if backlog.waited_s:
+            self._health.failed("old images come, which had waited for the connection")
+        if backlog.is_over and backlog.waited_s:
+            _LOG.info(
+                "camera %s: old images had waited, for up to %.1f s: %d are not used",
+                self.name,
+                backlog.waited_s,
+                backlog.n_images,
+            )
+        return not backlog.is_over
 
     def status(self, now_s: float) -> CameraStatus:
         """The camera at a time, which is now."""

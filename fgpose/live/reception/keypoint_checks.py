@@ -100,9 +100,10 @@ class _Stamps:
                 detections.camera,
             )
         advance_s, elapsed_s = new[0] - self._taken[0], new[1] - self._taken[1]
+        why = ": had the one before waited, or was the clock set?" if advance_s > elapsed_s else ""
         raise MessageError(
             "time",
-            f"the stamp of an image is {advance_s:.3f} s after the one before, which came {elapsed_s:.3f} s ago",
+            f"the stamp of an image is {advance_s:.3f} s after the one before, which came {elapsed_s:.3f} s ago{why}",
             detections.camera,
         )
 

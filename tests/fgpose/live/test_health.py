@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Literal
 
@@ -243,3 +244,48 @@ def test_an_image_that_is_yet_to_be_taken_is_refused(pace: Literal["real time", 
     assert status.state is CameraState.DOUBTFUL
     assert "1.00 s ahead of the clock" in status.reason
     assert status.n_lost == 1
+
+
+@pytest.mark.parametrize("clock", ["auto", "own", "synchronised"])
+@pytest.mark.parametrize("fps", [2.0, 30.0])
+def test_images_that_had_waited_for_the_connection_are_not_used(
+    clock: Literal["auto", "own", "synchronised"], fps: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A detector that ran before: its queue comes at once, with the stamps of when it filled, half a minute ago."""
+    caplog.set_level(logging.INFO, "fgpose.live")
+    simulation = Simulation(CameraSource(source="zmq", clock=clock))
+    began_s = simulation.clock.now_s() - 30.0
+    used: list[float] = []
+
+    def image(stamp_s: float) -> SourceImage:
+        return SourceImage(stamp=Stamp(stamp_s, wall_s=stamp_s))
+
+    for k in range(40):
+        simulation.clock.advance(0.15 if k == 20 else 0.001)  # the reader pauses once
+        assert simulation.camera.receive(image(began_s + k / fps)) is None
+    simulation.camera.refused("its messages are refused: a stamp that jumps")
+    for _ in range(20):
+        simulation.nothing(1 / fps)
+        received = simulation.camera.receive(image(simulation.clock.now_s() - 0.02))
+        if received is not None:
+            used.append(received.captured_s - simulation.clock.now_s())
+    assert len(used) >= 20 - 5  # intervals
+    assert min(used) > -0.05
+    simulation.nothing(0.2)
+    assert simulation.said()[-1] is CameraState.OK
+    assert {event.state for event in simulation.events[:-1]} <= {CameraState.RECONNECTING}
+    said = [record.getMessage() for record in caplog.records if "waited, for" in record.getMessage()]
+    assert len(said) == 1
+    assert said[0].startswith("camera cam01: old images had waited, for up to 30.0 s")
+
+
+@pytest.mark.parametrize("fps", [5.0, 30.0])
+def test_a_camera_whose_images_come_in_bursts_is_used(fps: float) -> None:
+    simulation = Simulation()
+    used = 0
+    for burst in range(20):
+        simulation.clock.advance(5 / fps)
+        for k in range(5):
+            stamp = Stamp(burst * 5 / fps + k / fps)
+            used += simulation.camera.receive(SourceImage(stamp=stamp)) is not None
+    assert used >= 100 - 2 * fps - 10  # after two seconds, and two bursts at the most
