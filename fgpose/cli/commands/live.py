@@ -193,11 +193,8 @@ def _table(report: LiveStatistics) -> Table:
     from rich import box
     from rich.table import Table
 
-    median_ms, p95_ms, p99_ms = (report.latency_ms(percent) for percent in (50.0, 95.0, 99.0))
-    latency = f"median {median_ms:.0f} ms, 95 % {p95_ms:.0f} ms, 99 % {p99_ms:.0f} ms"
     table = Table(
-        title=f"{report.n_frames} frames; "
-        + ("no image came" if math.isnan(median_ms) else f"from image to frame: {latency}"),
+        title=f"{report.n_frames} frames; {_latency(report)}",
         title_justify="left",
         box=box.HORIZONTALS,
         collapse_padding=True,
@@ -211,6 +208,18 @@ def _table(report: LiveStatistics) -> Table:
         counts = [str(number) for number in (camera.n_images, camera.n_used, camera.n_lost)]
         table.add_row(camera.name, *counts, f"{camera.rate_hz:.1f}", *seconds)
     return table
+
+
+def _latency(report: LiveStatistics) -> str:
+    from fgpose.live.statistics import LONGEST_MS
+
+    def of(percent: float) -> str:
+        latency_ms = report.latency_ms(percent)
+        return f"more than {LONGEST_MS} ms" if math.isinf(latency_ms) else f"{latency_ms:.0f} ms"
+
+    if math.isnan(report.latency_ms(50.0)):
+        return "no image came"
+    return f"from image to frame: median {of(50.0)}, 95 % {of(95.0)}, 99 % {of(99.0)}"
 
 
 class StatusLine:

@@ -9,9 +9,10 @@ import pytest
 from live_frames import live_frame, live_person, standing_m
 from rich.console import Console
 
-from fgpose.cli.commands.live import ConsoleLog, StatusLine, in_words
+from fgpose.cli.commands.live import ConsoleLog, StatusLine, _table, in_words
 from fgpose.cli.console import PlainConsole
 from fgpose.live.frame import LiveFrame
+from fgpose.live.statistics import LiveStatistics
 from fgpose.skeleton import Skeleton
 
 
@@ -38,6 +39,23 @@ def test_the_line_is_there_while_it_runs_and_the_log_above_it(frame: LiveFrame) 
         logger.warning("camera [b]: lost")
     assert "2 of 3 cameras ok (b lost)" in text.getvalue()
     assert "camera [b]: lost\n" in text.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("delays_s", "words"),
+    [
+        ((0.02, 0.02, 0.03), "median 20 ms, 95 % 30 ms, 99 % 30 ms"),
+        ((4.9, 27.0), "median 4900 ms, 95 % more than 5000 ms, 99 % more than 5000 ms"),
+        ((26.9, 27.0), "median more than 5000 ms, 95 % more than 5000 ms, 99 % more than 5000 ms"),
+    ],
+)
+def test_delays_beyond_the_longest_that_is_counted_are_said_to_be_so(
+    skeleton: Skeleton, delays_s: tuple[float, ...], words: str
+) -> None:
+    report = LiveStatistics(("a",))
+    for number, delay_s in enumerate(delays_s):
+        report.add(live_frame(skeleton, [], 1024.0 + number, cameras=("a",), delay_s=delay_s + 1e-4))
+    assert _table(report).title == f"{len(delays_s)} frames; from image to frame: {words}"
 
 
 @pytest.mark.parametrize("name", ["cam [/dev/video0]", "cam[left]", "[bold]cam", "[/]"])
