@@ -71,7 +71,10 @@ class Known:
     def _told(self, camera: CameraStatus, cameras: Sequence[CameraStatus]) -> CameraStatus:
         """With the images that were used, what the motion tells of its clock, and whether it agrees with the others."""
         known = self.cameras[camera.name]
-        changes: dict[str, Any] = {"n_used": known.n_used, "n_lost": camera.n_lost + known.n_lost}
+        n_lost = camera.n_lost + known.n_lost
+        # The camera may have been asked before the newest of these came.
+        n_images = max(camera.n_images, known.n_used + n_lost)
+        changes: dict[str, Any] = {"n_images": n_images, "n_used": known.n_used, "n_lost": n_lost}
         if known.motion_sigma_s is not None:
             changes |= {"motion_offset_s": known.motion_offset_s, "motion_sigma_s": known.motion_sigma_s}
             if is_told_by_motion(camera.name, known.motion_sigma_s, cameras):

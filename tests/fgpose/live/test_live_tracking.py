@@ -143,6 +143,14 @@ def test_whose_images_always_come_late_is_seen_until_they_stay_away(caplog: pyte
     assert not people[0].probability.any()
 
 
+def test_no_more_images_are_used_than_have_come(fed: tuple[LiveTracking, list[Update], float]):
+    """Cameras are asked less often than the tracker."""
+    live, _, now_s = fed
+    asked = tuple(CameraStatus(name, CameraState.OK, n_images=50, n_lost=2) for name in scene().rig.names)
+    for camera in live.frame(now_s, asked).cameras:
+        assert (camera.n_images, camera.n_used, camera.n_lost) == (62, 60, 2)
+
+
 def test_nobody_is_said_too():
     frame = tracking().frame(5.0, statuses())
     assert (frame.people, frame.sequence) == ((), 0)
