@@ -59,8 +59,7 @@ class OneMoment:
                 warnings.warn(
                     f"images that are given together were taken far apart: those of camera {name} {abs(by_s):.3g} s "
                     f"{'after' if by_s > 0 else 'before'} the others, and are left out, as the motion in between is "
-                    "not known. Give together what was taken together, or each image of a camera when it comes; or is "
-                    "its clock wrong?",
+                    "not known. Is its clock wrong, or were images put together that are not of one moment?",
                     UserWarning,
                     stacklevel=5,
                 )

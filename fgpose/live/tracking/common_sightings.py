@@ -182,7 +182,10 @@ class CommonSightings:
 
 
 def _middle_m(person: Tracked) -> Float[np.ndarray, " 3"]:
-    return np.nanmedian(person.estimate.positions_m, axis=0)
+    """NaN if no joint is known, as of somebody whom one camera alone sees."""
+    positions_m = person.estimate.positions_m
+    known_m = positions_m[np.isfinite(positions_m).all(axis=-1)]
+    return np.median(known_m, axis=0) if len(known_m) else np.full(3, np.nan)
 
 
 def _at_time(

@@ -41,6 +41,15 @@ def test_all_at_the_newest_time_that_all_have_seen(skeleton: Skeleton) -> None:
     np.testing.assert_allclose(sighting.undistorted_px, PX_PER_S * 0.5)
 
 
+@pytest.mark.filterwarnings("error")
+def test_of_somebody_without_any_joint_nothing_is_known_and_nothing_is_said(skeleton: Skeleton) -> None:
+    sightings, n_joints = CommonSightings(RIG), skeleton.n_joints
+    unknown = np.full((n_joints, 3), np.nan), np.full(n_joints, Status.UNOBSERVABLE, dtype=np.int8)
+    image = Detections(RIG.names[0], 0.0, np.zeros((1, n_joints, 2)), np.ones((1, n_joints)))
+    sightings.add([image], [Tracked(0, TrackState.CONFIRMED, Estimate(skeleton, 0, 0.0, *unknown), {})])
+    assert sightings.take(np.zeros(3), np.zeros(3)) is None
+
+
 def test_each_at_its_own_time_where_it_is_known_to_be_late(skeleton: Skeleton) -> None:
     sighting = taken(skeleton, (0.0, 0.0, 0.0), np.array([0.0, 0.0, 0.15]), np.zeros(3))
     np.testing.assert_allclose(sighting.undistorted_px[:, 0, 0], PX_PER_S * np.array([0.5, 0.5, 0.35]))
