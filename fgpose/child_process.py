@@ -243,7 +243,7 @@ def parent() -> Iterator[tuple[Callable[[], Any], Callable[[object], None]]]:
     """The other side, in the child: a function that gives the next message of the parent, which raises EOFError when
     there are no more; and one that sends it a message, from any thread."""
     lock = threading.Lock()
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answers:
+    with _forgiving(os.fdopen(os.dup(sys.stdout.fileno()), "wb")) as answers:
         sys.stdout = sys.stderr  # nothing else may get between the messages
 
         def read(n_bytes: int) -> bytes:
@@ -263,6 +263,16 @@ def parent() -> Iterator[tuple[Callable[[], Any], Callable[[object], None]]]:
                 answers.flush()
 
         yield receive, send
+
+
+@contextmanager
+def _forgiving(pipe: IO[bytes]) -> Iterator[IO[bytes]]:
+    """It is closed in the end. What could not be written because the parent has ended is tried again then: in vain."""
+    try:
+        yield pipe
+    finally:
+        with suppress(BrokenPipeError):
+            pipe.close()
 
 
 def n_cores() -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -26,6 +27,15 @@ def echo() -> None:
                 return
 
 
+def answer_nobody() -> None:
+    """In the process: send something when nothing more comes."""
+    with parent() as (receive, send), suppress(EOFError, BrokenPipeError):
+        try:
+            receive()
+        finally:
+            send("unheard")
+
+
 @pytest.fixture
 def process() -> Iterator[ChildProcess]:
     child = ChildProcess(__name__, "echo")
@@ -40,6 +50,14 @@ def test_messages_of_any_size_come_back(process: ChildProcess) -> None:
         process.write(message, LONG_S)
         np.testing.assert_array_equal(process.read(LONG_S), message)
     assert not process.has_message()
+
+
+def test_one_whose_parent_was_killed_ends_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
+    child = ChildProcess(__name__, "answer_nobody")
+    for pipe in (child._stdout, child._stdin):
+        pipe.close()
+    assert child._process.wait(LONG_S) == 0
+    assert capfd.readouterr().err == ""
 
 
 def test_one_that_is_stopped_or_silent_is_not_waited_for(process: ChildProcess) -> None:

@@ -139,9 +139,10 @@ def serve() -> None:
             return
         send(recording.viewer_url)
         shower = _Shower(recording)
-        while (shown := _next(receive)) is not None:
-            send(_result_of(partial(shower.show, shown)))
-        # Of a parent that was killed nobody waits.
+        # Of a parent that was killed nobody waits, and the file is to be whole.
+        with suppress(BrokenPipeError):
+            while (shown := _next(receive)) is not None:
+                send(_result_of(partial(shower.show, shown)))
         with suppress(BrokenPipeError):
             send(_result_of(shower.close))
 

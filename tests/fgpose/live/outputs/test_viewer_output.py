@@ -387,17 +387,24 @@ def test_what_is_wrong_from_the_start_is_raised(tmp_path: Path) -> None:
         ViewerOutput(tmp_path / "taken" / "live.rrd", RIG, SKELETON)
 
 
-def test_the_file_is_whole_when_the_system_is_killed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_showing", [False, True])
+def test_the_file_is_whole_when_the_system_is_killed(
+    is_showing: bool, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     output = ViewerOutput(path := tmp_path / "live.rrd", RIG, SKELETON)
     output.observe(seen := update(0))
     publish(output, frame(0, (LivePerson.of(seen.people[0]),)))
     sink = output._sink
     assert isinstance(sink, _ViewerSink)
-    stdin = sink._process._process._process.stdin
-    assert stdin is not None
-    # As when this process ends: nothing is said any more.
-    stdin.close()
-    wait_until(path.exists)
+    child = sink._process._process
+    # As when this process ends: nothing is heard and nothing is said any more.
+    child._stdout.close()
+    if is_showing:
+        child.write(FrameToShow(frame(1, ()), {}, [], {}, []))
+    child._stdin.close()
+    child._process.wait()
+    assert path.exists()
+    assert capfd.readouterr().err == ""
     assert f"/world/person_{PERSON}/joints" in entities(path)
     output.close()
 
