@@ -95,9 +95,11 @@ def _alone(time_s: Float[np.ndarray, " frame"], n_cameras: Int[np.ndarray, " fra
 
 
 def _intervals(time_s: Float[np.ndarray, " frame"], chosen: Bool[np.ndarray, " frame"]) -> tuple[list[Interval], float]:
-    """All, and their share of the recording; none if those of at least a second have a small one."""
+    """Those that are no single frames, which may have the image of one camera only whose others were lost, and their
+    share of the recording; none if those of at least a second have a small one."""
     step_s = usual_step_s(time_s) if len(time_s) > 1 else 0.0
     found = [(float(time_s[a]), float(time_s[b - 1] + step_s)) for a, b in stretches(chosen)]
+    found = [(begin_s, end_s) for begin_s, end_s in found if end_s - begin_s >= _SWITCHED_S]
     duration_s = max(float(time_s[-1] - time_s[0]) + step_s, 1e-9)
     lasting_s, total_s = (sum(b - a for a, b in found if b - a >= least_s) for least_s in (_LEAST_S, 0.0))
     return (found, total_s / duration_s) if lasting_s > _LEAST_SHARE * duration_s else ([], 0.0)

@@ -90,6 +90,13 @@ def test_stretches_without_anybody_of_less_than_a_second_count_too(seen, rig) ->
     assert finding.reason.endswith("in 50 % of the time: 1.0 to 3.0 s, 3.3 to 3.8 s")
 
 
+def test_single_frames_without_anybody_are_not_listed(seen, rig) -> None:
+    """As those of one camera whose image is of nobody who is followed, where the others were left out."""
+    lacking = without(without(seen, slice(30, 90)), slice(100, 104, 2))
+    (finding,) = nobody(Examined.of(lacking, rig))
+    assert finding.reason == "The person is in no image in 40 % of the time: 1.0 to 3.0 s"
+
+
 def test_when_one_camera_is_alone(seen, rig) -> None:
     (finding,) = nobody(Examined.of(without(seen, slice(75, None), slice(1, None)), rig))
     assert (finding.code, finding.severity) == (Code.FEW_CAMERAS, Severity.DOUBTFUL)
