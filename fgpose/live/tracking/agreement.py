@@ -20,6 +20,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking.common_sightings import CommonSighting, CommonSightings
 from fgpose.live.tracking.motion_lags import EVERY_S, MotionLags
 from fgpose.live.tracking.nobody_followed import NobodyFollowed
+from fgpose.live.tracking.seen_twice import SeenTwice
 from fgpose.people_observations import Detections
 
 _LOG = logging.getLogger("fgpose.live")
@@ -55,7 +56,7 @@ class CameraAgreement:
         self._n_kept = 0
         self._work: list[_Work] = []
         self._lags = MotionLags(rig)
-        self._nobody_followed = NobodyFollowed(rig)
+        self._nobody_followed, self._seen_twice = NobodyFollowed(rig), SeenTwice(rig)
         self._left_out: frozenset[str] = frozenset()
         """Cameras whose views would spoil those of all others."""
         self._newest_s = self._taken_s = self._looked_s = -np.inf
@@ -71,6 +72,7 @@ class CameraAgreement:
         """The newest images, and who is in them. Hardly anything is computed."""
         self._sightings.add(images, people)
         self._nobody_followed.add(images, people)
+        self._seen_twice.add(images, people)
         self._newest_s = max([self._newest_s, *(image.time_s for image in images)])
 
     @property
@@ -106,9 +108,9 @@ class CameraAgreement:
         self._work = [_Work(row, c, seen, sighting) for c in seen]
 
     def _leave_out(self) -> None:
-        """Two and more cameras in which nobody is found, as where they are exchanged: without one the others disagree
-        as much as without any other. Of a single one the angle tells more."""
-        found = frozenset(self._nobody_followed.faults)
+        """Two and more cameras in which nobody is found, or a double, as where they are exchanged: without one the
+        others disagree as much as without any other. Of a single one the angle tells more."""
+        found = frozenset(self._nobody_followed.faults | self._seen_twice.faults)
         found = found if len(found) > 1 else frozenset[str]()
         if found - self._left_out:  # the looks so far have them
             self._all_mrad[:], self._without_mrad[:] = np.nan, np.nan
@@ -185,7 +187,7 @@ class CameraAgreement:
 
     def _say(self) -> None:
         lasting = {name: reason for name, reason in self._lasting.items() if name not in self._left_out}
-        faults = self._nobody_followed.faults | self._lags.faults | lasting
+        faults = self._seen_twice.faults | self._nobody_followed.faults | self._lags.faults | lasting
         for name in faults.keys() - self.faults.keys():
             _LOG.warning("camera %s: doubtful: %s", name, faults[name])
         for name in self.faults.keys() - faults.keys():
