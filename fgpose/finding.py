@@ -27,6 +27,7 @@ class Code(StrEnum):
     NORMALISED = "normalised-coordinates"
     ZERO_KEYPOINTS = "zero-keypoints"
     PLACEHOLDER_KEYPOINTS = "placeholder-keypoints"
+    CLIPPED_KEYPOINTS = "clipped-keypoints"
     TURNED_IMAGE = "turned-image"
     MIRRORED_IMAGE = "mirrored-image"
     EXCHANGED_CAMERAS = "exchanged-cameras"

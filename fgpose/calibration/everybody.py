@@ -14,6 +14,7 @@ from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.calibration.used_parts import Adjusted
 from fgpose.config import Config
 from fgpose.correspondences import NOBODY
+from fgpose.estimation.evidence.plausibility import clipped_to_images
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
@@ -47,16 +48,16 @@ def on_everybody(
     """
     observations.check_cameras(rig.names)
     if isinstance(observations, Observations):
-        return calibrate([observations], rig, config), ()
+        return calibrate([_measured(observations, rig)], rig, config), ()
     association = _told_apart(observations, rig, config)
-    found, reassigned = calibrate(each_person(observations, association), rig, config), []
+    found, reassigned = calibrate(_each_measured(observations, association, rig), rig, config), []
     while len(reassigned) < _MAX_ROUNDS and observations.n_most > 1:
         moved = moved_with_cameras(observations, rig, found.rig)
         before, association = association, _told_apart(moved, found.rig, config)
         reassigned.append(reassigned_share(before, association))
         if reassigned[-1] <= _NEGLIGIBLE_SHARE:
             break
-        found = calibrate(each_person(observations, association), rig, config)
+        found = calibrate(_each_measured(observations, association, rig), rig, config)
     return found, tuple(reassigned)
 
 
@@ -86,8 +87,8 @@ def reassigned_share(before: Association, after: Association) -> float:
 def everybody_of(observations: Observations | PeopleObservations, rig: CameraRig, config: Config) -> list[Observations]:
     """What the cameras saw of the one person, or of each who can be told apart with the rig."""
     if isinstance(observations, Observations):
-        return [observations]
-    return each_person(observations, _told_apart(observations, rig, config))
+        return [_measured(observations, rig)]
+    return _each_measured(observations, _told_apart(observations, rig, config), rig)
 
 
 def _told_apart(observations: PeopleObservations, rig: CameraRig, config: Config) -> Association:
@@ -105,6 +106,14 @@ def _told_apart(observations: PeopleObservations, rig: CameraRig, config: Config
 def each_person(observations: PeopleObservations, association: Association) -> list[Observations]:
     """What the cameras saw of each."""
     return [observations.of_person(seen) for seen in association.people.values()]
+
+
+def _measured(observations: Observations, rig: CameraRig) -> Observations:
+    return observations.without(clipped_to_images(observations, rig))
+
+
+def _each_measured(observations: PeopleObservations, association: Association, rig: CameraRig) -> list[Observations]:
+    return [_measured(own, rig) for own in each_person(observations, association)]
 
 
 def _owned_joints(association: Association) -> list[Int[np.ndarray, " joint"]]:

@@ -38,6 +38,7 @@ from fgpose.diagnosis.motion_checks import (
     turns,
     unobservable,
 )
+from fgpose.diagnosis.seen.clipped import Clipped
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
 from fgpose.diagnosis.seen.order import sorted_as_text
@@ -216,6 +217,8 @@ def diagnose_finished(recording: FinishedRecording) -> Diagnosis:
 def _diagnosed(examined: Examined) -> Diagnosis:
     placeholders = Placeholders.among(examined)
     found, examined = placeholders.findings(examined), placeholders.as_missing(examined)
+    clipped = Clipped.among(examined)
+    found, examined = [*found, *clipped.findings(examined)], clipped.as_missing(examined)
     things = Things.among(examined)
     found, examined = [*found, *things.findings(examined)], things.as_missing(examined)
     not_judged: dict[str, str] = {}

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
 # Median distance of the joints from their middle: 0.3 to 0.7 m, so 300 "metres" in millimetres. A few wrong
@@ -145,6 +146,13 @@ def far_outside_images(
     """The detections that lie outside their image by more than its size."""
     size_px = np.array([camera.size_px for camera in rig.cameras])[:, None]
     return np.asarray(((points2d_px < -size_px) | (points2d_px > 2 * size_px)).any(axis=-1))
+
+
+def clipped_to_images(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera joint"]:
+    """The detections that stand exactly on the border of their image: a network puts joints that it guesses outside the
+    image there. They are somewhere beyond."""
+    points2d_px, size_px = observations.points2d_px, np.array([camera.size_px for camera in rig.cameras])[:, None]
+    return np.asarray(((points2d_px == 0) | (points2d_px == size_px - 1) | (points2d_px == size_px)).any(axis=-1))
 
 
 class RunningPlausibility:
