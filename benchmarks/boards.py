@@ -26,7 +26,7 @@ from fgpose.assessment.rig_alignment import rig_similarity
 from fgpose.calibration.board.calibrate import calibrate_from_boards
 from fgpose.calibration.board.lens import LensKind, numbers_of
 from fgpose.calibration.board.problem import BoardBundle, BoardProblem
-from fgpose.calibration.board.sigmas import about_centroid
+from fgpose.calibration.board.verdict.sigmas import about_centroid
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_benchmarks.synthetic.boards import BoardScene, simulate_boards
 

@@ -20,7 +20,7 @@ from fgpose.calibration.board.calibrate import CalibratedFromBoards, calibrate_f
 from fgpose.calibration.board.drawing import Sheet, save_board
 from fgpose.calibration.board.filmed import find_boards
 from fgpose.calibration.board.sightings import BoardSightings, LeftOut
-from fgpose.calibration.board.sigmas import BoardSigmas
+from fgpose.calibration.board.verdict.sigmas import BoardSigmas
 from fgpose.calibration.board.world import WorldOrigin
 from fgpose.calibration.bumped import BumpedRig, refine_bumped
 from fgpose.calibration.from_people.calibrate import Parts, calibrate_from_people

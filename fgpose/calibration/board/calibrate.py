@@ -18,8 +18,9 @@ from fgpose.calibration.board.lens import LensKind, camera_of
 from fgpose.calibration.board.lenses import LADDERS, FittedLens, LensChoice, fit_lens, held_lens
 from fgpose.calibration.board.placing import place
 from fgpose.calibration.board.sightings import BoardSightings
-from fgpose.calibration.board.sigmas import BoardSigmas, board_sigmas
-from fgpose.calibration.board.verdict import VerdictInputs, findings
+from fgpose.calibration.board.verdict.given_lenses import given_lenses
+from fgpose.calibration.board.verdict.sigmas import BoardSigmas, board_sigmas
+from fgpose.calibration.board.verdict.verdict import VerdictInputs, findings
 from fgpose.calibration.board.world import WorldOrigin, world_T_first
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade, worst_grade
 from fgpose.geometry.camera import CameraRig
@@ -176,11 +177,13 @@ def _judged(adjusted: AdjustedBoards, fitted: Sequence[FittedLens], origin: Worl
     rig = _rig(adjusted, world @ bundle.world_T_camera)
     sigmas = board_sigmas(adjusted, rig)
     contradiction = _contradiction(rig, sigmas, fitted)
+    given = given_lenses(adjusted, rig, fitted)
     sigmas = sigmas.times(max(1.0, float(np.sqrt(np.mean(contradiction**2)))))
+    sigmas = sigmas.with_moves(given.moved_m, given.turned_deg)
     residual_px = np.linalg.norm(adjusted.residual_px, axis=-1)
     alone_px = np.array([each.rms_px for each in fitted])
     links = linked(sightings)
-    inputs = VerdictInputs.of(adjusted, rig, sigmas, alone_px, links, contradiction)
+    inputs = VerdictInputs.of(adjusted, rig, sigmas, alone_px, links, contradiction, given)
     return CalibratedFromBoards(
         rig=rig,
         sigmas=sigmas,

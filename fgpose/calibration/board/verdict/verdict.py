@@ -14,7 +14,8 @@ from jaxtyping import Float, Int
 
 from fgpose.calibration.board.adjusting import AdjustedBoards
 from fgpose.calibration.board.placing import strongest_tree
-from fgpose.calibration.board.sigmas import BoardSigmas
+from fgpose.calibration.board.verdict.given_lenses import GivenLenses
+from fgpose.calibration.board.verdict.sigmas import BoardSigmas
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade, worst_grade
 from fgpose.geometry.camera import CameraRig
 
@@ -28,6 +29,7 @@ _REFERENCE_PX = 1920.0
 _COVERED = 0.7  # of the way from the middle of the image to its corner
 _TOGETHER, _TOGETHER_PX = np.array([1.5, 10.0]), 0.3  # to errors that a camera has alone
 _MOST_LEFT_OUT = 0.3
+_LENS_TO_WORST = 0.5  # of lenses that were given and are wrong, those are named that are about as far off
 # Of five simulated calibrations without a fault the sum of squares is 4.3 at most, with four cameras of which one was
 # turned by a degree 9 to 160.
 _BY_CHANCE = 1e-3
@@ -53,9 +55,12 @@ class VerdictInputs:
     alone_px: Float[np.ndarray, " camera"]
     width_px: Float[np.ndarray, " camera"]
     """The longer side of the image."""
+    focal_px: Float[np.ndarray, " camera"]
     converged: bool
     contradiction: Float[np.ndarray, " camera"]
     """By how many standard deviations the focal length of each differs from that which it has by itself."""
+    given: GivenLenses
+    """What is wrong with lenses that were given."""
 
     @staticmethod
     def of(
@@ -65,6 +70,7 @@ class VerdictInputs:
         alone_px: Float[np.ndarray, " camera"],
         links: Int[np.ndarray, "camera camera"],
         contradiction: Float[np.ndarray, " camera"],
+        given: GivenLenses,
     ) -> VerdictInputs:
         """See the attributes."""
         sightings, bundle = adjusted.sightings, adjusted.bundle
@@ -86,21 +92,26 @@ class VerdictInputs:
             rms_px=adjusted.rms_px,
             alone_px=alone_px,
             width_px=sizes_px.max(axis=1),
+            focal_px=rig.focal_px,
             converged=adjusted.converged,
             contradiction=contradiction,
+            given=given,
         )
 
 
 def findings(inputs: VerdictInputs) -> tuple[CalibrationFinding, ...]:
     """All reasons against a calibration, the gravest first; none: it is good."""
     unsure = [*_unsure(inputs), *_uncovered(inputs)]
+    grade = worst_grade(unsure)
+    # Where lenses are wrong, or cameras contradict themselves, that is why all of them are unsure.
+    wrong_lenses = _wrong_lenses(inputs, grade)
+    of_wrong_lenses = {finding.camera for finding in wrong_lenses}
     found = [
         *_not_converged(inputs.converged),
-        # Where cameras contradict themselves, that is why all of them are unsure.
-        *(_moved(inputs.names, inputs.contradiction, worst_grade(unsure)) or unsure),
+        *(wrong_lenses or _moved(inputs.names, inputs.contradiction, grade) or unsure),
         *_weak_links(inputs.names, inputs.links),
         *_few_views(inputs.names, inputs.n_views),
-        *_large_errors(inputs),
+        *(finding for finding in _large_errors(inputs) if finding.camera not in of_wrong_lenses),
         *_many_left_out(inputs.names, inputs.left_out),
     ]
     return tuple(sorted(found, key=lambda finding: -finding.grade.gravity))
@@ -125,7 +136,36 @@ def _moved(names: Sequence[str], contradiction: Float[np.ndarray, " camera"], gr
         "views, or they are not of the same moments"
     )
     remedy = "fix the tripods, switch autofocus and stabilisation off, and film the board again"
-    return [CalibrationFinding("", max(grade, Grade.COARSE, key=lambda each: each.gravity), reason, remedy)]
+    return [CalibrationFinding("", _worse(grade, Grade.COARSE), reason, remedy)]
+
+
+def _wrong_lenses(inputs: VerdictInputs, grade: Grade) -> list[CalibrationFinding]:
+    """Lenses that were given and are not those of their cameras, and how bad that makes the cameras."""
+    given, names = inputs.given, inputs.names
+    centre_deg = np.rad2deg(np.arctan(given.centre_px / inputs.focal_px))
+    border_px = given.border_px / inputs.width_px * _REFERENCE_PX
+    limits = np.array([_FOCAL, _SIGMA_DEG, _BORDER_PX])
+    off = np.array([np.abs(given.focal), centre_deg, border_px])
+    ratios = off / limits[:, :1]
+    # What matters is the poses: a lens of another calibration, too, differs by more than chance.
+    if grade is Grade.GOOD and (len(names) > 1 or ratios.max() <= 1):
+        return []
+    remedy = "calibrate the lens on these images (leave --intrinsics out), or give that of this camera, zoom and focus"
+    found = []
+    for c in np.flatnonzero(given.doubtful & (ratios.max(axis=0) > _LENS_TO_WORST * ratios.max())).tolist():
+        reasons = (
+            f"its focal length seems to be {abs(given.focal[c]):.1%} off what was given",
+            f"its principal point seems to be {given.centre_px[c]:.0f} px off what was given",
+            f"its distortion seems to be {given.border_px[c]:.1f} px off what was given, at the border of the image",
+        )
+        own = _worse(Grade.FAILED if (off[:, c] > limits[:, 1]).any() else Grade.COARSE, grade)
+        found.append(CalibrationFinding(names[c], own, reasons[int(np.argmax(ratios[:, c]))], remedy))
+    if not found and (given.moved_m / inputs.distance_m > _SIGMA[0]).any():
+        apart_mm = 1e3 * given.moved_m.max()
+        reason = f"with lenses of these images cameras are up to {apart_mm:.0f} mm from where the given ones have them"
+        remedy = f"{remedy}; and do not move cameras while you film"
+        found.append(CalibrationFinding("", _worse(grade, Grade.COARSE), reason, remedy))
+    return found
 
 
 def _unsure(inputs: VerdictInputs) -> list[CalibrationFinding]:
@@ -243,3 +283,7 @@ def _partner(c: int, names: Sequence[str], links: Int[np.ndarray, "camera camera
 
 def _grade(value: float, limits: Float[np.ndarray, " grade=2"]) -> Grade:
     return Grade.FAILED if not value <= limits[1] else Grade.COARSE
+
+
+def _worse(a: Grade, b: Grade) -> Grade:
+    return max(a, b, key=lambda grade: grade.gravity)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -38,6 +38,13 @@ class BoardSigmas:
     def times(self, factor: float) -> BoardSigmas:
         """All of them larger."""
         return BoardSigmas(**{name: factor * own for name, own in vars(self).items()})
+
+    def with_moves(
+        self, moved_m: Float[np.ndarray, " camera"], turned_deg: Float[np.ndarray, " camera"]
+    ) -> BoardSigmas:
+        """With errors of the poses that come of something else."""
+        position_m, direction_deg = np.hypot(self.position_m, moved_m), np.hypot(self.direction_deg, turned_deg)
+        return replace(self, position_m=position_m, direction_deg=direction_deg)
 
 
 def board_sigmas(adjusted: AdjustedBoards, rig: CameraRig) -> BoardSigmas:
@@ -76,16 +83,26 @@ def about_centroid(
 
 def _border_px(camera: Camera, covariance: Float[np.ndarray, "12 12"]) -> float:
     """See BoardSigmas."""
+    rays = rays_of(camera)
+    _, _, by_lens = image_of(rays, numbers_of(camera), camera.lens)
+    by_lens = beyond_turns(camera, rays, by_lens.reshape(-1, N_OF_LENS))
+    variance = np.einsum("nk,kl,nl->n", by_lens, covariance, by_lens).reshape(-1, 2).sum(axis=1)
+    return float(np.sqrt(max(variance.max(initial=0.0), 0.0)))
+
+
+def rays_of(camera: Camera) -> Float[np.ndarray, "point 3"]:
+    """Where pixels all over the image look, in the frame of the camera, as far as the lens tells."""
     width, height = camera.size_px
     x, y = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
     undistorted_px = camera.undistort(np.stack([x.ravel(), y.ravel()], axis=1))
-    known = np.asarray(np.isfinite(undistorted_px).all(axis=1))
-    rays = np.concatenate(
-        [(undistorted_px - camera.K[:2, 2]) / np.diag(camera.K)[:2], np.ones((len(known), 1))], axis=1
-    )
-    _, by_ray, by_lens = image_of(rays[known], numbers_of(camera), camera.lens)
-    by_turn = (by_ray @ cross_matrix(rays[known])).reshape(-1, 3)
-    by_lens = by_lens.reshape(-1, N_OF_LENS)
-    by_lens = by_lens - by_turn @ np.linalg.lstsq(by_turn, by_lens, rcond=None)[0]
-    variance = np.einsum("nk,kl,nl->n", by_lens, covariance, by_lens).reshape(-1, 2).sum(axis=1)
-    return float(np.sqrt(max(variance.max(initial=0.0), 0.0)))
+    known_px = undistorted_px[np.isfinite(undistorted_px).all(axis=1)]
+    return np.concatenate([(known_px - camera.K[:2, 2]) / np.diag(camera.K)[:2], np.ones((len(known_px), 1))], axis=1)
+
+
+def beyond_turns(
+    camera: Camera, rays: Float[np.ndarray, "point 3"], moves_px: Float[np.ndarray, "coordinate column"]
+) -> Float[np.ndarray, "coordinate column"]:
+    """What no small turn of the camera explains of moves of the pixels that rays meet."""
+    _, by_ray, _ = image_of(rays, numbers_of(camera), camera.lens)
+    by_turn = (by_ray @ cross_matrix(rays)).reshape(-1, 3)
+    return moves_px - by_turn @ np.linalg.lstsq(by_turn, moves_px, rcond=None)[0]
