@@ -16,6 +16,7 @@ from fgpose.calibration.from_people.world.scale import (
     MeasuredDistance,
     Scale,
     adult_cue,
+    assumed,
     body_uncertain,
     distance_cue,
     fuse,
@@ -95,6 +96,8 @@ def to_metric(
     found = None if walk.points3d_m is None else network_cue(walk.points3d_m, joints_m, anatomy)
     network = None if found is None else found.of_body(body_sigma)
     scale = fuse(cues, network) if cues else fuse([network or adult_cue(joints_m, anatomy).of_body(body_sigma)])
+    if not cues:
+        scale = replace(scale, findings=(*scale.findings, assumed(scale)))
     if not distances:
         scale = replace(scale, findings=(*scale.findings, *body_uncertain(body_sigma)))
     similarity = _world_T_gauge(rig.cameras[0], vertical.up, floor.height, scale.factor)

@@ -146,6 +146,15 @@ def body_uncertain(sigma: float) -> tuple[CalibrationFinding, ...]:
     return (CalibrationFinding("", Grade.COARSE, reason, remedy),)
 
 
+def assumed(scale: Scale) -> CalibrationFinding:
+    """That nothing was measured: what is left takes everybody for an adult, networks too."""
+    reason = (
+        f"the scale is assumed ({scale.source}): it holds for adults, to {scale.sigma:.0%}; of a child all lengths are "
+        "wrong. Angles, and lengths relative to each other, do not need it"
+    )
+    return CalibrationFinding("", Grade.COARSE, reason, "give --height of the walker, or --distance of two cameras")
+
+
 def check_stature(stature_m: float) -> None:
     """Raise ValueError for what is the stature of nobody who walks by himself."""
     low, high = _STATURES_M

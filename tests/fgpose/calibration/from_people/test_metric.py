@@ -8,6 +8,7 @@ import pytest
 from adjusted_rigs import FPS, Adjusted, adjusted, angle_deg, walker
 
 from fgpose.assessment.rig_alignment import Similarity
+from fgpose.calibration.from_people.calibrated import Grade
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.calibration.from_people.world.metric import Metric, to_metric
@@ -206,6 +207,10 @@ def test_one_frame_has_a_vertical_and_a_floor() -> None:
     walk = Walk(skeleton, adjusted(10.0, 1).true_rig.names, np.zeros(1), np.zeros((1, 4, 17, 2)), np.ones((1, 4, 17)))
     found = to_metric(walk, adjusted(10.0, 1).true_rig, truth_m[:1])
     assert found.scale.source == "an adult's mean stature"
+    # Nothing was measured: of a child it would be 60 % off.
+    (finding,) = found.scale.findings
+    assert finding.grade is Grade.COARSE
+    assert "the scale is assumed (an adult's mean stature)" in finding.reason
     assert np.isfinite(found.joints_m).all()
 
 
