@@ -14,7 +14,7 @@ from fgpose.calibration.from_people.verdict.alignment import aligned
 from fgpose.calibration.from_people.verdict.coverage import Coverage, coverage
 from fgpose.calibration.from_people.verdict.cross_checks import cross_check_deg, medians_mrad, third_views_mrad
 from fgpose.calibration.from_people.verdict.handedness import handedness, mirrored_views
-from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera, moved_camera
+from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera, MovedMidway, moved_camera, moved_midway
 from fgpose.calibration.from_people.verdict.sigmas import disagreement
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.calibration.from_people.world.anatomy import Anatomy
@@ -60,6 +60,8 @@ class VerdictInputs:
     """Of focal lengths that were given; None: not checked."""
     moved: MovedCamera | None = None
     """While it filmed."""
+    midway: MovedMidway | None = None
+    """Some camera, about the middle of the recording."""
     off_centre: Bool[np.ndarray, " camera"] | None = None
     """Whose K seems to be for images of another size."""
 
@@ -113,6 +115,7 @@ def gather(
         of_scale=metric.scale.findings,
         focal_check=focal_check,
         moved=moved_camera(walk.time_s[judged], *_all_shown(first, walk, judged), rig),
+        midway=None if halves is None else moved_midway(halves, rig, sigmas),
         off_centre=np.array([is_of_another_size(camera) for camera in rig.cameras]),
     )
 

@@ -1,5 +1,6 @@
 """Cameras that were moved, turned or zoomed while a calibration was filmed: what they saw then is outvoted by the rest
-of the time, and the rig is right for that alone."""
+of the time, and the rig is right for that alone. About the middle nothing is outvoted, and the rig is right for neither
+half."""
 
 from __future__ import annotations
 
@@ -9,6 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.disagreement import MAX_MRAD, disagreement
+from fgpose.calibration.from_people.calibrated import CameraSigmas
+from fgpose.calibration.from_people.verdict.alignment import aligned
 from fgpose.calibration.from_people.verdict.cross_checks import medians_mrad, third_views_mrad
 from fgpose.geometry.camera import CameraRig
 from fgpose_factors.robust_statistics import known_median
@@ -16,6 +19,9 @@ from fgpose_factors.robust_statistics import known_median
 # Of 24 simulated calibrations with cameras that stood still, the worst of eight parts of 20 s has 1.9 times the median
 # of the camera, and 16 mrad at most where that is 10; of a camera that was turned by 3 degrees, 10 times.
 _PART_S, _FEWEST_PARTS, _TIMES = 2.5, 4, 2.5
+# The whole of a recording is half as far from each half as the halves are from each other, where both are as sure.
+_FARTHER = 1.5
+_MOST_OF_VARIANCE = 0.9  # three times what is not sure anyway
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,41 @@ def moved_camera(
     shown = worst if camera is None else camera
     when_s, mrad = time_s[then], known_median(third_mrad[shown, then])
     return MovedCamera(camera, float(when_s[0]), float(when_s[-1]), mrad, float(usual_mrad[shown]))
+
+
+@dataclass(frozen=True)
+class MovedMidway:
+    """How far the whole recording has the cameras from where each of its halves has them, root mean square."""
+
+    whole_deg: float
+    """From the nearer half: rotation ..."""
+    whole_m: float
+    """... and position."""
+    halves_deg: float
+    """The halves from each other."""
+    halves_m: float
+
+
+def moved_midway(halves: tuple[CameraRig, CameraRig], rig: CameraRig, sigmas: CameraSigmas) -> MovedMidway | None:
+    """Whether some camera was moved about the middle of the recording; None: nothing says so.
+
+    Args:
+        halves: the rigs of both halves, in any gauge.
+        rig: that of the whole.
+        sigmas: of its cameras, with how far it is from the middle of the halves.
+    """
+    first, second = (aligned(half, rig)[1].reshape(-1, 2, 3) for half in halves)
+    whole, apart = np.minimum(_typical(first), _typical(second)), _typical(first - second)
+    sigma = np.stack([np.deg2rad(sigmas.direction_deg), sigmas.position_m], axis=1)
+    is_sure = np.sum((first + second) ** 2, axis=-1) / 4 > _MOST_OF_VARIANCE * sigma**2
+    if not ((whole > _FARTHER * apart) & is_sure.any(axis=0)).any():
+        return None
+    return MovedMidway(np.rad2deg(whole[0]), float(whole[1]), np.rad2deg(apart[0]), float(apart[1]))
+
+
+def _typical(errors: Float[np.ndarray, "camera 2 3"]) -> Float[np.ndarray, " 2"]:
+    """Root mean square over the cameras: of rotations (radians), and of positions."""
+    return np.sqrt(np.mean(np.sum(errors**2, axis=-1), axis=0))
 
 
 def _which(

@@ -1,8 +1,10 @@
-"""How sure the cameras are: what the adjustment says, corrected by how much two halves of the recording disagree.
+"""How sure the cameras are: what the adjustment says, corrected by how much two halves of the recording disagree, and
+the whole with both.
 
 The marginals of a bundle adjustment take the errors of detections for independent noise. They are biased depending on
 the view, so the marginals are far too small (13 times on a recording with known cameras). Two halves of a recording
-disagree by what the errors really do, but for what a walker does in both.
+disagree by what the errors really do, but for what a walker does in both. The whole is about in the middle of its
+halves; where it is not, as when a camera was moved in between, it is off by that too.
 """
 
 from __future__ import annotations
@@ -109,6 +111,13 @@ def disagreement(first: CameraRig, second: CameraRig) -> Variances:
     return Variances(square[:, 0], square[:, 1], focal**2, (offsets_s - offsets_s[0]) ** 2)
 
 
+def beside_halves(whole: CameraRig, halves: tuple[CameraRig, CameraRig]) -> Variances:
+    """Squared distances of the poses of a rig from the middle of those of the halves of its recording, in its unit."""
+    middle = np.mean([aligned(half, whole)[1] for half in halves], axis=0)
+    square, nothing = np.sum(middle.reshape(-1, 2, 3) ** 2, axis=-1), np.zeros(whole.n_cameras)
+    return Variances(square[:, 0], square[:, 1], nothing, nothing)
+
+
 def camera_sigmas(
     whole: RigEstimate,
     halves: tuple[RigEstimate, RigEstimate] | None,
@@ -135,6 +144,7 @@ def camera_sigmas(
         first, second = (half.aligned(whole.rig) for half in halves)
         expected = first.variances().plus(second.variances())
         variances = variances.inflated(expected, disagreement(first.rig, second.rig))
+        variances = variances.plus(beside_halves(whole.rig, (first.rig, second.rig)))
     if of_lenses is not None:
         variances = variances.plus(of_lenses.variances())
     return CameraSigmas(

@@ -18,7 +18,7 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.coverage import Coverage
 from fgpose.calibration.from_people.verdict.inputs import VerdictInputs
-from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera
+from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera, MovedMidway
 from fgpose.calibration.from_people.walk import SHORT_S
 
 # Of good calibrations of simulated walkers the worst camera has 4 mrad in the median and 8 at most; where one is late,
@@ -54,12 +54,13 @@ def findings(inputs: VerdictInputs) -> tuple[CalibrationFinding, ...]:
         *mirrors(names, inputs.mirrored, inputs.handedness),
         *of_another_size(names, inputs.off_centre),
         *moved_while_filming(names, inputs.moved),
+        *moved_in_the_middle(inputs.midway),
         *worst_camera(names, inputs.third_view_mrad),
         *twisted(names, inputs.cross_check_deg),
         *halves_disagree(names, inputs.halves_deg, inputs.halves_m / distance_m),
         *uncertain(names, sigmas.direction_deg, sigmas.position_m / distance_m),
         *focal_undetermined(names, inputs.estimated_lenses, sigmas.focal, inputs.coverage.depth_ratio),
-        *focal_wrong(names, inputs.focal_check),
+        *focal_wrong(names, inputs.focal_check, is_moved=inputs.moved is not None or inputs.midway is not None),
         *start_uncertain(names, inputs.start_certain),
         *poorly_covered(
             names,
@@ -88,8 +89,8 @@ def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " came
         elif mrad > min(_COARSE_MRAD, allowed_mrad):
             reason = f"it sees the person {mrad:.0f} mrad beside where the others do (median: {typical:.0f} mrad)"
             remedy = (
-                "check its start, its frame rate and its lens (K of this resolution?), and that its picture is not "
-                "mirrored; record longer, and walk through its whole view"
+                "was it moved while it filmed? Check its start, its frame rate and its lens (K of this resolution?), "
+                "and that its picture is not mirrored; record longer, and walk through its whole view"
             )
             found.append(
                 CalibrationFinding(name, Grade.FAILED if mrad > allowed_mrad else Grade.COARSE, reason, remedy)
@@ -109,6 +110,19 @@ def moved_while_filming(names: Sequence[str], moved: MovedCamera | None) -> list
         "other time: if it was moved, it is wrong for what was filmed then, or after it"
     )
     return [CalibrationFinding("" if moved.camera is None else names[moved.camera], Grade.COARSE, reason, remedy)]
+
+
+def moved_in_the_middle(midway: MovedMidway | None) -> list[CalibrationFinding]:
+    """A rig that is right for neither half of the recording."""
+    if midway is None:
+        return []
+    reason = (
+        "some camera was probably moved while it filmed, about the middle: the whole recording has them "
+        f"{1e3 * midway.whole_m:.0f} mm and {midway.whole_deg:.1f} degrees from where either half has them, which are "
+        f"{1e3 * midway.halves_m:.0f} mm and {midway.halves_deg:.1f} degrees apart"
+    )
+    remedy = "calibrate from what was filmed before or after that, with cameras that stand still"
+    return [CalibrationFinding("", Grade.COARSE, reason, remedy)]
 
 
 def twisted(names: Sequence[str], cross_check_deg: Float[np.ndarray, " camera"]) -> list[CalibrationFinding]:
@@ -170,15 +184,17 @@ def focal_undetermined(
     return found
 
 
-def focal_wrong(names: Sequence[str], check: FocalCheck | None) -> list[CalibrationFinding]:
-    """Cameras whose given focal length the images contradict, as K of another resolution."""
+def focal_wrong(names: Sequence[str], check: FocalCheck | None, *, is_moved: bool = False) -> list[CalibrationFinding]:
+    """Cameras whose given focal length the images contradict, as K of another resolution. Where a camera was moved
+    while it filmed, lenses make up for it."""
     if check is None:
         return []
     change = np.where(check.wrong > _PROBABLY, np.abs(check.change), 0.0)
     change = np.where(change > _FOCAL_TO_WORST * change.max(), change, 0.0)
     reason = "its focal length seems to be {0:.0%} off what was given"
     remedy = "check that K belongs to this camera and this resolution, or let the focal length be estimated"
-    return _graded(names, change, _WRONG_FOCAL, reason, remedy)
+    found = _graded(names, change, _WRONG_FOCAL, reason, remedy)
+    return [finding for finding in found if finding.grade is Grade.FAILED or not is_moved]
 
 
 def of_another_size(names: Sequence[str], off_centre: Bool[np.ndarray, " camera"] | None) -> list[CalibrationFinding]:

@@ -11,7 +11,7 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Camera
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.coverage import Coverage
 from fgpose.calibration.from_people.verdict.inputs import VerdictInputs, gather
-from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera
+from fgpose.calibration.from_people.verdict.moved_cameras import MovedCamera, MovedMidway
 from fgpose.calibration.from_people.verdict.verdict import (
     findings,
     focal_undetermined,
@@ -136,6 +136,15 @@ def test_rotation_and_place_are_one_finding_a_camera() -> None:
     assert "place" in finding.reason
     (finding,) = uncertain(NAMES, each(0.3, 5, 0.3), each(0.01, 0.04, 0.01))
     assert (finding.camera, finding.grade) == ("b", Grade.FAILED)
+
+
+def test_a_focal_length_is_not_blamed_for_a_camera_that_was_moved() -> None:
+    check = FocalCheck(each(0.1, 0.0, 0.0), np.full(3, 0.005), STILL)
+    inputs = replace(good(), focal_check=check)
+    assert any("focal length" in finding.reason for finding in findings(inputs))
+    (finding,) = findings(replace(inputs, midway=MovedMidway(1.5, 0.1, 0.3, 0.02)))
+    assert "about the middle" in finding.reason
+    assert "100 mm and 1.5 degrees" in finding.reason
 
 
 def test_a_focal_length_needs_depth() -> None:
