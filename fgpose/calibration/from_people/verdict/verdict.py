@@ -178,9 +178,12 @@ def focal_undetermined(
     flagged = {finding.camera for finding in found}
     for lens in estimated:
         ratio = np.max(np.nan_to_num(depth_ratio[list(lens)], nan=1.0))
-        for c in (c for c in lens if names[c] not in flagged and ratio < _FOCAL_DEPTH_RATIO):
-            reason = f"its focal length hardly shows: the person was {ratio:.1f} times as far away at most as at least"
-            found.append(CalibrationFinding(names[c], Grade.COARSE, reason, remedy))
+        unsure = [c for c in lens if names[c] not in flagged and sigma[c] > _FOCAL[0] / 2]
+        if unsure and ratio < _FOCAL_DEPTH_RATIO:
+            # Said once of cameras that share a lens.
+            name, whose = ("", "the focal length") if len(lens) > 1 else (names[unsure[0]], "its focal length")
+            reason = f"{whose} hardly shows: the person was {ratio:.2f} times as far away at most as at least"
+            found.append(CalibrationFinding(name, Grade.COARSE, reason, remedy))
     return found
 
 

@@ -149,14 +149,22 @@ def test_a_focal_length_is_not_blamed_for_a_camera_that_was_moved() -> None:
 
 def test_a_focal_length_needs_depth() -> None:
     estimated, ratio = ((0,), (1,)), each(1.2, 2.5, 1.2)
-    (finding,) = focal_undetermined(NAMES, estimated, each(0.01, 0.01, 0.0), ratio)
+    (finding,) = focal_undetermined(NAMES, estimated, each(0.02, 0.02, 0.0), ratio)
     assert finding.camera == "a"
     assert "walk towards it" in finding.remedy
     (finding,) = focal_undetermined(NAMES, estimated, each(0.2, 0.01, 0.0), ratio)
     assert finding.grade is Grade.FAILED
     assert "not determined" in finding.reason
     # One of the cameras that share a lens has seen it.
-    assert not focal_undetermined(NAMES, ((0, 1),), each(0.01, 0.01, 0.0), ratio)
+    assert not focal_undetermined(NAMES, ((0, 1),), each(0.02, 0.02, 0.0), ratio)
+
+
+def test_a_focal_length_that_is_known_needs_no_depth_and_a_lens_is_named_once() -> None:
+    near = each(1.48, 1.3, 1.2)
+    assert not focal_undetermined(NAMES, ((0, 1, 2),), np.full(3, 0.005), near)
+    (finding,) = focal_undetermined(NAMES, ((0, 1, 2),), np.full(3, 0.02), near)
+    assert not finding.camera
+    assert "1.48 times" in finding.reason
 
 
 def test_how_a_camera_saw_the_walk() -> None:
