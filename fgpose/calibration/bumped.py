@@ -15,6 +15,9 @@ from fgpose.calibration.rig_refinement import has_moved, moves, refine_rig
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 
+# A move by chance is so nearly along the viewing axis once in thirty times; the turn is a bump's smallest.
+_ALONG, _HARDLY_TURNED_DEG = np.cos(np.deg2rad(15.0)), 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class BumpedRig(Generic[Recording]):
@@ -59,7 +62,7 @@ def refine_bumped(observations: Recording, rig: CameraRig, config: Config | None
     moved = np.asarray(has_moved(first.rotation_deg, first.translation_m, config))
     if not moved.any():
         nowhere, error_px = np.zeros(rig.n_cameras), first.residual_before_px
-        findings = _findings(rig, moved, error_px)
+        findings = _findings(rig, rig, moved, error_px)
         return BumpedRig(rig, observations, moved, nowhere, nowhere, error_px, error_px, findings)
     start = _with_moved(rig, first.rig, moved)
     second = refine_rig(moved_with_cameras(observations, rig, start), start, config)
@@ -71,7 +74,7 @@ def refine_bumped(observations: Recording, rig: CameraRig, config: Config | None
         *moves(rig, found),
         first.residual_before_px,
         second.residual_after_px,
-        _findings(rig, moved, second.residual_after_px),
+        _findings(rig, found, moved, second.residual_after_px),
     )
 
 
@@ -80,8 +83,18 @@ def _with_moved(given: CameraRig, refined: CameraRig, moved: Bool[np.ndarray, " 
     return CameraRig(tuple(new if is_moved else old for old, new, is_moved in triples))
 
 
+def _perhaps_zoomed(
+    rig: CameraRig, found: CameraRig, moved: Bool[np.ndarray, " camera"]
+) -> Bool[np.ndarray, " camera"]:
+    """Cameras that moved along their viewing axis and hardly turned: at one distance a zoom looks the same."""
+    turned_deg, moved_m = moves(rig, found)
+    axes = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
+    along_m = np.abs(np.sum(axes * (found.positions_m - rig.positions_m), axis=1))
+    return np.asarray(moved & (along_m > _ALONG * moved_m) & (turned_deg < _HARDLY_TURNED_DEG))
+
+
 def _findings(
-    rig: CameraRig, moved: Bool[np.ndarray, " camera"], error_px: Float[np.ndarray, " camera"]
+    rig: CameraRig, found: CameraRig, moved: Bool[np.ndarray, " camera"], error_px: Float[np.ndarray, " camera"]
 ) -> tuple[CalibrationFinding, ...]:
     """What is wrong with the result."""
     from_nothing = "calibrate from nothing: leave out --from"
@@ -92,6 +105,10 @@ def _findings(
     if moved.any() and 2 * moved.sum() >= rig.n_cameras:
         reason = f"{moved.sum()} of {rig.n_cameras} cameras seem to have moved, so it is not certain which did"
         findings.append(CalibrationFinding("", Grade.COARSE, reason, from_nothing))
+    _, moved_m = moves(rig, found)
+    for c in np.flatnonzero(_perhaps_zoomed(rig, found, moved)).tolist():
+        reason = f"it was moved by {1e3 * moved_m[c]:.0f} mm along its viewing axis and hardly turned, or zoomed"
+        findings.append(CalibrationFinding(rig.names[c], Grade.COARSE, reason, f"if it was zoomed, {from_nothing}"))
     error_mrad = 1000 * error_px / rig.focal_px
     for c in np.flatnonzero(error_mrad > allowed_mrad(float(np.nanmedian(error_mrad)), NEGLIGIBLE_MRAD)).tolist():
         reason = f"it still disagrees with the others by {error_px[c]:.0f} px ({error_mrad[c]:.0f} mrad)"

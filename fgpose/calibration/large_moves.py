@@ -53,7 +53,8 @@ def refuse_large_moves(
     raise ValueError(
         f"the calibration is not refined: this {' and '.join(moved)}, and a bump moves a camera by {100 * MOST_M:.0f} "
         f"cm and {MOST_DEG:.0f} degrees at most. Something else is wrong: keypoints of images of another size, "
-        "exchanged cameras, another calibration? fgpose info tries such causes"
+        "exchanged cameras, another calibration? fgpose info tries such causes. Or more than one camera was moved: "
+        "calibrate anew"
     )
 
 

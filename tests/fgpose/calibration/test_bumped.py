@@ -10,8 +10,9 @@ import pytest
 import fgpose
 from fgpose.calibration.bumped import refine_bumped
 from fgpose.calibration.from_people.calibrated import Grade
+from fgpose.geometry.intrinsics import zoomed
 from fgpose.people_observations import PeopleObservations
-from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, ring_rig, simulate, walkers, walking
 from tests.wrong_rigs import turned
 
 
@@ -63,6 +64,22 @@ def test_everybody_and_their_3d(scene: Scene, rig: fgpose.CameraRig) -> None:
     assert after.points3d_m is not None
     seen_before_m = wrong.cameras[2].to_camera_frame(before.points3d_m)
     np.testing.assert_allclose(found.rig.cameras[2].to_camera_frame(after.points3d_m), seen_before_m, atol=1e-9)
+
+
+def test_a_camera_that_was_zoomed_is_not_simply_moved(skeleton: fgpose.Skeleton) -> None:
+    """Before, it was moved by 0.25 m, and the verdict good. Of six cameras: two of four seem to have moved."""
+    rig = ring_rig(6)
+    motion = walkers((3.0, 3.0), 10.0, 1)
+    step = int(motion.fps // 10)
+    truth_m = motion.truth_m[0][::step]
+    noise = DetectionNoise(max_bias_m=0.02)
+    seen = simulate(truth_m, skeleton, rig, motion.fps / step, noise, NO_OCCLUSION, seed=0).observations
+    cameras = list(rig.cameras)
+    cameras[2] = zoomed(cameras[2], 1.06)
+    found = refine_bumped(seen, fgpose.CameraRig(tuple(cameras)))
+    (finding,) = found.findings
+    assert (finding.camera, finding.grade) == ("ring_2", Grade.COARSE)
+    assert "or zoomed" in finding.reason
 
 
 @pytest.mark.slow
