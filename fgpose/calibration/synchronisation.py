@@ -22,6 +22,9 @@ from fgpose.people_observations import PeopleObservations
 
 _WALK, _CUT = "walk about where all cameras see you", "or cut the recordings to begin at the same moment"
 
+# With wrong poses, too, several moments fit about as well, and badly.
+_OTHERS = "or is the calibration of other cameras (exchanged?)"
+
 
 @dataclass(frozen=True, eq=False)
 class Synchronised:
@@ -81,7 +84,7 @@ def _with_remedy(finding: CalibrationFinding) -> CalibrationFinding:
     if "walk" not in finding.remedy and "--synchronised" not in finding.remedy:
         return finding
     ambiguous = finding.remedy.startswith(AMBIGUOUS_REMEDY)
-    return replace(finding, remedy=f"{AMBIGUOUS_REMEDY}; {_CUT}" if ambiguous else f"{_WALK}; {_CUT}")
+    return replace(finding, remedy=f"{AMBIGUOUS_REMEDY}; {_CUT}; {_OTHERS}" if ambiguous else f"{_WALK}; {_CUT}")
 
 
 def _offsets_s(starts: Starts, tracks: Sequence[Track]) -> Float[np.ndarray, " camera"]:

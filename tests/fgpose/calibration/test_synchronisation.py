@@ -109,6 +109,15 @@ def exchanged(image: Detections) -> Detections:
     return replace(image, camera={"cam_2": "cam_3", "cam_3": "cam_2"}.get(image.camera, image.camera))
 
 
+def test_where_nothing_is_certain_the_calibration_is_doubted_too() -> None:
+    """Of two cameras that are exchanged in it; it was the motion that repeats itself."""
+    scene = walked(seed=1, seconds=20.0)
+    first, second, *others = scene.rig.cameras
+    exchanged_rig = CameraRig((replace(second, name=first.name), replace(first, name=second.name), *others))
+    with pytest.raises(ValueError, match=r"ambiguous .* is the calibration of other cameras \(exchanged\?\)"):
+        synchronise(scene.observations, exchanged_rig)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
