@@ -59,6 +59,8 @@ class VerdictInputs:
     converged: bool
     contradiction: Float[np.ndarray, " camera"]
     """By how many standard deviations the focal length of each differs from that which it has by itself."""
+    stretch: Float[np.ndarray, " camera"]
+    """By how much the image seems to be stretched in width, as a share; zero where pixels are square or were given."""
     given: GivenLenses
     """What is wrong with lenses that were given."""
 
@@ -95,6 +97,12 @@ class VerdictInputs:
             focal_px=rig.focal_px,
             converged=adjusted.converged,
             contradiction=contradiction,
+            stretch=np.array(
+                [
+                    0.0 if kind.held else each.K[0, 0] / each.K[1, 1] - 1
+                    for kind, each in zip(adjusted.kinds, rig.cameras, strict=True)
+                ]
+            ),
             given=given,
         )
 
@@ -108,7 +116,12 @@ def findings(inputs: VerdictInputs) -> tuple[CalibrationFinding, ...]:
     of_wrong_lenses = {finding.camera for finding in wrong_lenses}
     found = [
         *_not_converged(inputs.converged),
-        *(wrong_lenses or _moved(inputs.names, inputs.contradiction, grade) or unsure),
+        *(
+            wrong_lenses
+            or _stretched_print(inputs.stretch, grade)
+            or _moved(inputs.names, inputs.contradiction, grade)
+            or unsure
+        ),
         *_weak_links(inputs.names, inputs.links),
         *_few_views(inputs.names, inputs.n_views),
         *(finding for finding in _large_errors(inputs) if finding.camera not in of_wrong_lenses),
@@ -166,6 +179,17 @@ def _wrong_lenses(inputs: VerdictInputs, grade: Grade) -> list[CalibrationFindin
         remedy = f"{remedy}; and do not move cameras while you film"
         found.append(CalibrationFinding("", _worse(grade, Grade.COARSE), reason, remedy))
     return found
+
+
+def _stretched_print(stretch: Float[np.ndarray, " camera"], grade: Grade) -> list[CalibrationFinding]:
+    """Two focal lengths, in all cameras alike: of one camera it is its lens, of all what they look at."""
+    usual = float(np.median(stretch))
+    if len(stretch) < 2 or not np.ptp(stretch) < abs(usual):
+        return []
+    wide, way = f"{abs(usual):.1%}", "width" if usual > 0 else "height"
+    reason = f"images of all cameras seem to be stretched by {wide} in {way}: the squares of the board probably are"
+    remedy = "measure the board in both directions, and print it again without fitting it to the page"
+    return [CalibrationFinding("", _worse(grade, Grade.COARSE), reason, remedy)]
 
 
 def _unsure(inputs: VerdictInputs) -> list[CalibrationFinding]:

@@ -318,6 +318,19 @@ def test_too_few_views_name_the_camera(scene: BoardScene) -> None:
         calibrate_from_boards(replace(scene.sightings, points_px=points_px))
 
 
+@pytest.mark.slow
+def test_a_board_that_is_printed_too_wide_is_doubted_and_not_the_cameras(scene: BoardScene) -> None:
+    """By 2 % along its rows; eleven reasons were given, and none was this."""
+    wide = np.diag([1.02, 1.0, 1.0, 1.0])
+    wide_px = np.stack([seen_px(scene.rig, pose @ wide, scene.sightings.board) for pose in scene.world_T_board])
+    wide_px += np.random.default_rng(3).normal(0, 0.2, wide_px.shape)
+    found = calibrate_from_boards(replace(scene.sightings, points_px=wide_px))
+    (finding,) = [each for each in found.findings if "images of all cameras seem to be stretched" in each.reason]
+    assert re.search(r"stretched by (1\.[5-9]|2\.[0-5])% in width", finding.reason)
+    assert "measure the board in both directions" in finding.remedy
+    assert not any("known to" in each.reason for each in found.findings)
+
+
 def test_boards_that_look_the_same_upside_down_are_refused(scene: BoardScene) -> None:
     board = replace(scene.sightings.board, kind="chessboard", size=(6, 4))
     with pytest.raises(ValueError, match="looks the same after half a turn"):
