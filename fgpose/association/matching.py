@@ -12,7 +12,8 @@ from jaxtyping import Bool, Float, Int
 from fgpose.association.likelihood import Distances, Likelihood, padded
 from fgpose.association.pose_filter import Expected, PoseFilters
 from fgpose.correspondences import NOBODY
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.field_of_view import clipped
 from fgpose.people_observations import Detections
 
 _FITS, _DOES_NOT_FIT = 0.9, 0.1  # probabilities that a joint is of a person
@@ -39,7 +40,7 @@ class Moment:
         """Of these images, one at least."""
         names = [image.camera for image in images]
         cameras = rig if tuple(names) == rig.names else rig.subset(names)
-        points_px = [camera.undistort(image.points2d_px) for camera, image in zip(cameras.cameras, images, strict=True)]
+        points_px = [_measured_px(image, camera) for image, camera in zip(images, cameras.cameras, strict=True)]
         confidence = [image.confidence.mean(axis=-1) for image in images]
         times_s = np.array([image.time_s for image in images]) + cameras.time_offsets_s
         return Moment(
@@ -170,6 +171,12 @@ class Matches:
         values = array[camera, np.maximum(self.detection, 0), self.joint]
         none = (self.detection == NOBODY).reshape(*self.detection.shape, *[1] * (array.ndim - 3))
         return np.where(none, np.nan, values)
+
+
+def _measured_px(image: Detections, camera: Camera) -> Float[np.ndarray, "detection joint 2"]:
+    """Undistorted, without joints that are clipped to the image."""
+    seen_px, undistorted_px = image.points2d_px, camera.undistort(image.points2d_px)
+    return np.where(clipped(seen_px, np.array(camera.size_px))[..., None], np.nan, undistorted_px)
 
 
 def match(

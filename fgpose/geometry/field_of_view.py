@@ -1,9 +1,9 @@
-"""Which cameras have a point in their image."""
+"""What is in the image of a camera, and what is beyond it."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import CameraRig
 
@@ -33,3 +33,11 @@ def in_views(
             error_px = np.linalg.norm(back_px - undistorted_px[candidates], axis=-1)
             inside[candidates, number] = error_px < _MAX_ROUND_TRIP_PX
     return inside
+
+
+def clipped(
+    points_px: Float[np.ndarray, "*#points 2"], size_px: Int[np.ndarray, "*#points 2"]
+) -> Bool[np.ndarray, "*points"]:
+    """Whether points stand exactly on the border of their image, of this width and height: a network puts joints that
+    it guesses outside the image there. They are somewhere beyond."""
+    return np.asarray(((points_px == 0) | (points_px == size_px - 1) | (points_px == size_px)).any(axis=-1))

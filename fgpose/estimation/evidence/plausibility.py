@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.field_of_view import clipped
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
@@ -149,10 +150,8 @@ def far_outside_images(
 
 
 def clipped_to_images(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera joint"]:
-    """The detections that stand exactly on the border of their image: a network puts joints that it guesses outside the
-    image there. They are somewhere beyond."""
-    points2d_px, size_px = observations.points2d_px, np.array([camera.size_px for camera in rig.cameras])[:, None]
-    return np.asarray(((points2d_px == 0) | (points2d_px == size_px - 1) | (points2d_px == size_px)).any(axis=-1))
+    """The detections that are clipped to the image of their camera."""
+    return clipped(observations.points2d_px, np.array([camera.size_px for camera in rig.cameras])[:, None])
 
 
 class RunningPlausibility:

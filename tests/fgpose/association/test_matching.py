@@ -9,9 +9,10 @@ import pytest
 from rooms import body_m, moment_of
 
 from fgpose.association.likelihood import Likelihood
-from fgpose.association.matching import Matches, follow, match
+from fgpose.association.matching import Matches, Moment, follow, match
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.correspondences import NOBODY
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 
@@ -212,3 +213,13 @@ def test_one_camera_alone_has_no_others(skeleton: Skeleton, passing: tuple[np.nd
     moment = moment_of(ring_rig(3).subset(["ring_0"]), [list(true_m)], np.random.default_rng(0))
     _, matches = follow(people, np.ones(2), moment, skeleton.mirror)
     np.testing.assert_array_equal(matches.chosen, [[1, 0]])
+
+
+def test_joints_that_are_clipped_to_the_image_do_not_count() -> None:
+    """Whoever is cut by the border of an image has joints that are put there; all others stay."""
+    rig = ring_rig()
+    width_px, height_px = rig.cameras[0].size_px
+    seen_px = np.array([[[100.5, 200.5], [0.0, 300.5], [width_px - 1.0, 10.5], [50.5, height_px]]])
+    moment = Moment.of([Detections(rig.names[0], 0.0, seen_px, np.ones((1, 4)))], rig)
+    np.testing.assert_allclose(moment.points_px[0, 0, 0], rig.cameras[0].undistort(seen_px[0, :1])[0], rtol=1e-12)
+    assert np.isnan(moment.points_px[0, 0, 1:]).all()
