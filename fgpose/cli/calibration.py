@@ -59,9 +59,8 @@ def _save_and_print(
     console.print(calibration_table(_with_offsets_of(calibration, written), frame_time_s))
     if calibration.refinement is not None:
         console.print(
-            "Of a shift of everything, cameras and joints, images tell little: it may be "
-            f"{1000 * calibration.refinement.shift_sigma_m:.0f} mm along each axis (one standard deviation), which the "
-            "covariances of the joints do not contain."
+            "All cameras and joints together may be shifted by "
+            f"{1000 * calibration.refinement.shift_sigma_m:.0f} mm along each axis (one standard deviation)."
         )
     if calibration.reassigned:
         shares = ", then ".join(f"{100 * share:.1f} %" for share in calibration.reassigned)

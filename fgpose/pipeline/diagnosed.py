@@ -9,7 +9,7 @@ import numpy as np
 
 from fgpose.association.chosen_person import Chosen
 from fgpose.association.recording import Association
-from fgpose.calibration.rig_refinement import has_moved
+from fgpose.calibration.rig_refinement import SIGNIFICANT_SIGMAS
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.finding import Code, Finding, Severity
@@ -78,18 +78,16 @@ def _of_repairs(n_repairs: int) -> list[Finding]:
 
 
 def _of_refined(origin: Origin | None, config: Config) -> list[Finding]:
-    """That so many cameras were moved that nothing holds the world."""
-    known = () if origin is None else origin.calibration.moved
-    deg, metres = (np.array([getattr(each, name) for each in known]) for name in ("rotation_deg", "translation_m"))
-    moved = has_moved(deg, metres, config) if known else np.zeros(0, dtype=bool)
-    if moved.sum() < 2 or (~moved).sum() > 1:
+    """That the refinement of the cameras may have shifted the world by more than the calibration is wrong."""
+    shift_sigma_m = 0.0 if origin is None else origin.calibration.shift_sigma_m
+    if shift_sigma_m < SIGNIFICANT_SIGMAS * config.calibration.translation_sigma_m:
         return []
-    usual_cm = 100 * float(np.median(metres[moved]))
     reason = (
-        f"{moved.sum()} of {len(known)} cameras were moved by the refinement, by about {usual_cm:.0f} cm: where the "
-        "body is in the room is not known better than that, and no covariance contains it"
+        "the refinement moved the cameras so far that where they and the body are in the room is known to "
+        f"{1000 * shift_sigma_m:.0f} mm along each axis (one standard deviation), and no covariance contains it"
     )
-    return [Finding(Code.CALIBRATION, Severity.DOUBTFUL, reason, "Calibrate again if places in the room matter.", 0.5)]
+    remedy, numbers = "Calibrate again if places in the room matter.", {"shift_sigma_m": shift_sigma_m}
+    return [Finding(Code.CALIBRATION, Severity.DOUBTFUL, reason, remedy, 0.5, numbers=numbers)]
 
 
 def _nothing_determined(result: Result) -> str:

@@ -25,7 +25,7 @@ from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.geometry.triangulation import Triangulation, triangulate_robust
 from fgpose.geometry.up_axis import z_up_R_world
 from fgpose.io.calibration import save_rig
-from fgpose.io.calibration.calibration_origin import CalibrationOrigin, MovedCamera
+from fgpose.io.calibration.calibration_origin import CalibrationOrigin
 from fgpose.io.content import read_content
 from fgpose.io.keypoints import detections, save_observations
 from fgpose.io.origin import Origin
@@ -457,17 +457,16 @@ def test_keypoints_of_images_turned_by_caliscope_are_noticed(
     assert errors_px[1] == pytest.approx(errors_px[0], abs=1e-2)
 
 
-@pytest.mark.parametrize(("n_moved", "said"), [(3, True), (2, False)])
-def test_a_refinement_that_leaves_nothing_to_hold_the_world_is_said(
-    source: Source[Observations], smoothed: Result, n_moved: int, said: bool
+@pytest.mark.parametrize(("shift_sigma_m", "said"), [(0.067, True), (0.006, False)])
+def test_a_refinement_that_may_have_shifted_the_world_is_said(
+    source: Source[Observations], smoothed: Result, shift_sigma_m: float, said: bool
 ) -> None:
-    """Two of four cameras that stayed hold it."""
-    moved = (MovedCamera(name, 2.0 * (c < n_moved), 0.1 * (c < n_moved)) for c, name in enumerate(source.rig.names))
-    origin = Origin(calibration=CalibrationOrigin(moved=tuple(moved)))
+    """6 mm are those of cameras that are as right as the parameters expect."""
+    origin = Origin(calibration=CalibrationOrigin(shift_sigma_m=shift_sigma_m))
     result = diagnosed(replace(smoothed, source=replace(source, origin=origin)))
     assert result.diagnosis is not None
     found = [each.reason for each in result.diagnosis.findings if each.code is Code.CALIBRATION]
-    assert ["3 of 4 cameras were moved by the refinement, by about 10 cm" in each for each in found] == [True] * said
+    assert ["is known to 67 mm along each axis" in each for each in found] == [True] * said
 
 
 @pytest.mark.slow

@@ -145,7 +145,7 @@ def test_refine_calibration(source: list[str], tmp_path: Path, capsys: pytest.Ca
     assert "turned by [deg]" in printed
     assert {path.name for path in tmp_path.iterdir()} == {"mine.npz", "mine_calibration.toml"}
     known = load_calibration_origin(tmp_path / "mine_calibration.toml")
-    assert f"it may be {1000 * known.shift_sigma_m:.0f} mm along each axis" in printed
+    assert f"may be shifted by {1000 * known.shift_sigma_m:.0f} mm along each axis" in printed
     assert known.shift_sigma_m > 0.001
     rig = load_rig(tmp_path / "mine_calibration.toml")
     trajectory = load_trajectory(tmp_path / "mine.npz")
