@@ -68,7 +68,6 @@ class PartEstimator:
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
         self._is_tidy = True
-        self._settled: list[FrameState] = []
         self._arrivals = Arrivals(rig.names, warns=holder is None)
         self._plausibility = RunningPlausibility()
         self._credibility = RunningCredibility(rig.n_cameras, skeleton.n_joints)
@@ -166,7 +165,7 @@ class PartEstimator:
         self._judge()
         self._estimates.take_lagged(self._window, self._rig)
         for oldest in self._window.marginalise():
-            self._settled.append(oldest)
+            self._learn_smoothed(oldest)
             self._estimates.take_lagged(self._window, self._rig)
         return self._estimates.newest(self._window, self._rig)
 
@@ -275,11 +274,7 @@ class PartEstimator:
         return self._visibility.at_first if state is None else Filtered(state.at.time_s, state.filtered)
 
     def _learn(self) -> None:
-        """From the newest frame, all images of which are there that will be used, and from those that are one lag old
-        by it."""
-        for oldest in self._settled:
-            self._learn_smoothed(oldest)
-        self._settled.clear()
+        """From the newest frame, all images of which are there that will be used."""
         self._lengths.add(self._window[-1].evidence)
         self._lengths.improve(self._rig)
         self._sole_views.learn(self._window[-1], self._lengths.learned.lengths_m, self._rig)
