@@ -14,7 +14,7 @@ from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.calibration.used_parts import Adjusted
 from fgpose.config import Config
 from fgpose.correspondences import NOBODY
-from fgpose.estimation.evidence.plausibility import clipped_to_images
+from fgpose.estimation.evidence.plausibility import without_clipped
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
@@ -48,7 +48,7 @@ def on_everybody(
     """
     observations.check_cameras(rig.names)
     if isinstance(observations, Observations):
-        return calibrate([_measured(observations, rig)], rig, config), ()
+        return calibrate([without_clipped(observations, rig)], rig, config), ()
     association = _told_apart(observations, rig, config)
     found, reassigned = calibrate(_each_measured(observations, association, rig), rig, config), []
     while len(reassigned) < _MAX_ROUNDS and observations.n_most > 1:
@@ -87,7 +87,7 @@ def reassigned_share(before: Association, after: Association) -> float:
 def everybody_of(observations: Observations | PeopleObservations, rig: CameraRig, config: Config) -> list[Observations]:
     """What the cameras saw of the one person, or of each who can be told apart with the rig."""
     if isinstance(observations, Observations):
-        return [_measured(observations, rig)]
+        return [without_clipped(observations, rig)]
     return _each_measured(observations, _told_apart(observations, rig, config), rig)
 
 
@@ -108,12 +108,8 @@ def each_person(observations: PeopleObservations, association: Association) -> l
     return [observations.of_person(seen) for seen in association.people.values()]
 
 
-def _measured(observations: Observations, rig: CameraRig) -> Observations:
-    return observations.without(clipped_to_images(observations, rig))
-
-
 def _each_measured(observations: PeopleObservations, association: Association, rig: CameraRig) -> list[Observations]:
-    return [_measured(own, rig) for own in each_person(observations, association)]
+    return [without_clipped(own, rig) for own in each_person(observations, association)]
 
 
 def _owned_joints(association: Association) -> list[Int[np.ndarray, " joint"]]:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.image_checks.checks import ImageChecks
 from fgpose.estimation.evidence.image_checks.left_out import left_out_px, showing_left_out
-from fgpose.estimation.evidence.plausibility import clipped_to_images
+from fgpose.estimation.evidence.plausibility import without_clipped
 from fgpose.estimation.online.arrivals import Ahead, Turns, check_frame, check_later, one_frame, one_image
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.one_moment import OneMoment
@@ -195,7 +195,7 @@ class Estimator:
         estimate = self._estimate(of_person, taken_s)
         self._checks = checks
         of_newest = (self._body.newest_s > before_s) | (taken_s == self._body.newest_images_s)
-        left_out = left_out_px(images, of_person.without(clipped_to_images(of_person, self.rig)))[0]
+        left_out = left_out_px(images, without_clipped(of_person, self.rig))[0]
         self._left_out_px = np.where(of_newest[:, None, None], left_out, self._left_out_px)
         return showing_left_out(estimate, self._left_out_px, self.rig)
 

@@ -15,10 +15,10 @@ from fgpose.estimation.evidence.fusion import fuse_undistorted
 from fgpose.estimation.evidence.plausibility import (
     Bodies,
     beyond_reach,
-    clipped_to_images,
     far_outside_images,
     middles_m,
     off_body,
+    without_clipped,
 )
 from fgpose.estimation.evidence.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
@@ -156,7 +156,7 @@ def without_depths(
     observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
 ) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
     """The evidence but for the depths of the views, and the triangulated joints; frame by frame."""
-    observations = observations.without(clipped_to_images(observations, rig))
+    observations = without_clipped(observations, rig)
     far_outside = far_outside_images(observations.points2d_px, rig)
     undistorted_px, confidence = rig.undistort(observations.points2d_px), observations.confidence.astype(float)
     triangulated_m, middle_m, beyond = _triangulated(

@@ -154,6 +154,11 @@ def clipped_to_images(observations: Observations, rig: CameraRig) -> Bool[np.nda
     return clipped(observations.points2d_px, np.array([camera.size_px for camera in rig.cameras])[:, None])
 
 
+def without_clipped(observations: Observations, rig: CameraRig) -> Observations:
+    """Without those detections."""
+    return observations.without(clipped_to_images(observations, rig))
+
+
 class RunningPlausibility:
     """Counts the frames of a stream that make no body."""
 
