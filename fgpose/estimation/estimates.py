@@ -40,19 +40,15 @@ class Estimates:
     def take_lagged(self, window: Window, rig: CameraRig) -> None:
         """The oldest frame of the window, if it has become one lag old."""
         number = window[0].at.frame
-        if number > self._smoothed_frame and (state := window.lagged) is not None:
+        if number > self._smoothed_frame and (estimate := self._lagged(window, rig)) is not None:
             self._smoothed_frame = number
-            self._newly_smoothed.append(self._lagged(state, window, rig))
+            self._newly_smoothed.append(estimate)
 
     def newest(self, window: Window, rig: CameraRig) -> Estimate:
         """Of the newest frame, and of those that became one lag old since the last time."""
-        self.take_lagged(window, rig)
         newly_smoothed, self._newly_smoothed = tuple(self._newly_smoothed), []
-        state, lagged, covariance_m2 = window[-1], window.lagged, None
-        if newly_smoothed:
-            smoothed = newly_smoothed[-1]
-        else:
-            smoothed = None if lagged is None else self._lagged(lagged, window, rig)
+        smoothed = newly_smoothed[-1] if newly_smoothed else self._lagged(window, rig)
+        state, covariance_m2 = window[-1], None
         residual_px = np.linalg.norm(rig.project(state.positions_m) - state.evidence.measured_px[0], axis=-1)
         if self._config.covariance:
             learned = state.unseen_s, window.usual_step_s, rig
@@ -74,7 +70,10 @@ class Estimates:
             other_bone=self._lengths.other_bone,
         )
 
-    def _lagged(self, state: FrameState, window: Window, rig: CameraRig) -> Estimate:
+    def _lagged(self, window: Window, rig: CameraRig) -> Estimate | None:
+        state = window.lagged
+        if state is None:
+            return None
         covariance_m2 = self._lagged_covariance_m2(state, window, rig) if self._config.smoothed_covariance else None
         time_s = state.at.time_s + self._late_s
         return Estimate(self._skeleton, state.at.frame, time_s, state.positions_m, state.status, covariance_m2)

@@ -156,9 +156,8 @@ class RerunRecording(RerunSession, Recording):
         update_ms: float | None = None,
         residuals: Mapping[str, Float[np.ndarray, " joint"]] | None = None,
     ) -> None:
-        if "smoothed" in self._results:
-            for smoothed in estimate.newly_smoothed:
-                self._log_frame("smoothed", smoothed)
+        for smoothed in estimate.newly_smoothed if "smoothed" in self._results else ():
+            self._log_frame("smoothed", smoothed)
         if estimate.frame % self._every:
             return
         now = np.array([estimate.time_s]), estimate.frame
