@@ -84,13 +84,18 @@ def _with_moved(given: CameraRig, refined: CameraRig, moved: Bool[np.ndarray, " 
 
 
 def _perhaps_zoomed(
-    rig: CameraRig, found: CameraRig, moved: Bool[np.ndarray, " camera"]
-) -> Bool[np.ndarray, " camera"]:
+    rig: CameraRig, found: CameraRig, moved: Bool[np.ndarray, " camera"], remedy: str
+) -> list[CalibrationFinding]:
     """Cameras that moved along their viewing axis and hardly turned: at one distance a zoom looks the same."""
     turned_deg, moved_m = moves(rig, found)
     axes = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
     along_m = np.abs(np.sum(axes * (found.positions_m - rig.positions_m), axis=1))
-    return np.asarray(moved & (along_m > _ALONG * moved_m) & (turned_deg < _HARDLY_TURNED_DEG))
+    zoomed = moved & (along_m > _ALONG * moved_m) & (turned_deg < _HARDLY_TURNED_DEG)
+    reason = "it was moved by {0:.0f} mm along its viewing axis and hardly turned, or zoomed"
+    return [
+        CalibrationFinding(rig.names[c], Grade.COARSE, reason.format(1e3 * moved_m[c]), f"if it was zoomed, {remedy}")
+        for c in np.flatnonzero(zoomed).tolist()
+    ]
 
 
 def _findings(
@@ -105,10 +110,7 @@ def _findings(
     if moved.any() and 2 * moved.sum() >= rig.n_cameras:
         reason = f"{moved.sum()} of {rig.n_cameras} cameras seem to have moved, so it is not certain which did"
         findings.append(CalibrationFinding("", Grade.COARSE, reason, from_nothing))
-    _, moved_m = moves(rig, found)
-    for c in np.flatnonzero(_perhaps_zoomed(rig, found, moved)).tolist():
-        reason = f"it was moved by {1e3 * moved_m[c]:.0f} mm along its viewing axis and hardly turned, or zoomed"
-        findings.append(CalibrationFinding(rig.names[c], Grade.COARSE, reason, f"if it was zoomed, {from_nothing}"))
+    findings += _perhaps_zoomed(rig, found, moved, from_nothing)
     error_mrad = 1000 * error_px / rig.focal_px
     for c in np.flatnonzero(error_mrad > allowed_mrad(float(np.nanmedian(error_mrad)), NEGLIGIBLE_MRAD)).tolist():
         reason = f"it still disagrees with the others by {error_px[c]:.0f} px ({error_mrad[c]:.0f} mrad)"
