@@ -28,11 +28,11 @@ from jaxtyping import Bool, Float
 import fgpose
 from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.calibration.self_calibration import self_calibrate
+from fgpose.estimation.evidence.image_checks.flips import correct_flips
 from fgpose.io.arrays import write_arrays
 from fgpose.io.recordings import load_recording
 from fgpose.monocular.detection import detect
 from fgpose.monocular.downloads.cache import cache_folder
-from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
 from fgpose.trajectory import Status
 from fgpose_benchmarks.synthetic.real_errors import Block
@@ -81,7 +81,7 @@ def _all_blocks() -> Iterator[Block]:
     for model in _NETWORKS:
         network, name = open_network(model), model.replace("-", "_")
         clean = detect(sources, network, cache=cache_folder() / "detections")
-        calibrated = self_calibrate(correct_flips(clean.observations(), clean.rig).observations, clean.rig)
+        calibrated = self_calibrate(correct_flips(clean.observations(), clean.rig)[0], clean.rig)
         # Flips are errors of the detector: they are put right in the reference only.
         seen = moved_with_cameras(clean.observations(), clean.rig, calibrated.rig)
         yield from _blocks(name, seen, calibrated.observations, calibrated.rig)

@@ -11,11 +11,11 @@ import fgpose
 from fgpose.assessment.metrics import jitter_mps3
 from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.config import FusionConfig
+from fgpose.estimation.evidence.image_checks.flips import correct_flips
 from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
 from fgpose.monocular.downloads.cache import cache_folder
-from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
 from fgpose_benchmarks.synthetic import Occlusion
 from metric import Metric
@@ -40,7 +40,7 @@ def _detected(model: str) -> Detected:
 
 
 def _observations(detected: Detected) -> fgpose.Observations:
-    return correct_flips(detected.observations(), detected.rig).observations
+    return correct_flips(detected.observations(), detected.rig)[0]
 
 
 def _limbs(skeleton: fgpose.Skeleton) -> list[int]:

@@ -16,10 +16,10 @@ import tyro
 
 import fgpose
 from fgpose.assessment.metrics import jitter_mps3
+from fgpose.estimation.evidence.image_checks.flips import correct_flips
 from fgpose.monocular.detection import detect
 from fgpose.monocular.downloads.cache import cache_folder
 from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
-from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
 from fgpose.monocular.sources import open_sources
 
@@ -51,11 +51,11 @@ def main(
     detected = detect(sources, open_network(model), cache=cache_folder() / "detections", frames=frames)
     print(f"{detected.n_images} images, {detected.n_new_images} of them new to the network")
 
-    corrected = correct_flips(detected.observations(), detected.rig)
-    for camera, flipped in zip(detected.rig.names, corrected.flipped.sum(axis=0).tolist(), strict=True):
-        print(f"{camera}: left and right exchanged in {flipped} frames, corrected")
+    observations, flipped = correct_flips(detected.observations(), detected.rig)
+    for camera, n_flipped in zip(detected.rig.names, flipped.sum(axis=0).tolist(), strict=True):
+        print(f"{camera}: left and right exchanged in {n_flipped} frames, corrected")
 
-    refined = fgpose.calibration.refine_rig(corrected.observations, detected.rig)
+    refined = fgpose.calibration.refine_rig(observations, detected.rig)
     alone = fgpose.refine(refined.observations, refined.rig)
     smoothed = fgpose.smooth(refined.observations, refined.rig)
     for name, trajectory in (("each frame alone", alone), ("one motion", smoothed)):

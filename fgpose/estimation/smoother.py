@@ -98,7 +98,7 @@ def smooth(
     observations, rig = of_one_moment(observations, rig)
     evidence = gather_long(observations, rig, config)
     smoothed = smooth_evidence(evidence, observations.skeleton, rig, config, progress, unfinished, bones)
-    return with_left_out(smoothed, observations, rig)
+    return with_left_out(smoothed, observations, rig, evidence.sides_exchanged)
 
 
 @one_blas_thread()

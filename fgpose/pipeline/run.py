@@ -64,7 +64,7 @@ def run_smooth(
         return Result(source, config, {"smoothed": people.trajectories}, ("smoothed",), people.association)
     evidence, given = source.gathered(config), (source.observations.skeleton, source.rig, config)
     smoothed = smooth_evidence(evidence, *given, progress, unfinished, source.bones)
-    smoothed = with_left_out(smoothed, source.observations, source.rig)
+    smoothed = with_left_out(smoothed, source.observations, source.rig, evidence.sides_exchanged)
     if not compare:
         return _of_one(source, config, {"smoothed": smoothed}, "smoothed")
     some = evidence.frames(slice(None, None, compare))

@@ -33,11 +33,9 @@ from fgpose.io.trajectories.upright import resolved_up
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect as run_network
 from fgpose.monocular.downloads.cache import cache_folder
-from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import Sources, find_clips, open_sources
-from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
-from fgpose.pipeline import AnySource, run_calibrate, run_smooth
+from fgpose.pipeline import run_calibrate, run_smooth
 from fgpose.pipeline.diagnosed import diagnosed
 from fgpose.pipeline.origin import calibration_from_people, synchronised, video_files
 from fgpose.report.quality import quality
@@ -207,21 +205,13 @@ def estimate(job: Job) -> None:
     source, config = job.source(), job.study.parameters
     source = replace(source, origin=source.origin and _whole_origin(job, source.origin))
     try:
+        if not source.observations.n_frames:
+            raise ValueError("it has no frame")
         # The axis that is up is judged with the result (judge, report): a motion does not depend on it.
-        result = diagnosed(run_smooth(_corrected(job, source), config, compare=False))
+        result = diagnosed(run_smooth(source, config, compare=False))
         save_people(result.main, job.path(MOTION), time_s=result.frame_time_s, origin=result.origin)
     except ValueError as error:
         raise ValueError(f"{job.recording.source}: {error}") from None
-
-
-def _corrected(job: Job, source: AnySource) -> AnySource:
-    """Left and right of one person whom a network has seen; of several it is told with who is who."""
-    seen = source.observations
-    if not seen.n_frames:
-        raise ValueError("it has no frame")
-    if job.recording.kind == "videos" and isinstance(seen, Observations):
-        return replace(source, observations=correct_flips(seen, source.rig).observations)
-    return source
 
 
 def _whole_origin(job: Job, origin: Origin) -> Origin:

@@ -79,7 +79,8 @@ def smooth_people(
         evidence = gather_long(own, association.rig, config)
         smoothed = smooth_evidence(evidence, own.skeleton, association.rig, config, told, unfinished)
         numbers = nearest(smoothed.time_s, frame_time_s)
-        trajectories[person] = replace(with_left_out(smoothed, own, association.rig), frame_numbers=numbers)
+        smoothed = with_left_out(smoothed, own, association.rig, evidence.sides_exchanged)
+        trajectories[person] = replace(smoothed, frame_numbers=numbers)
         n_done += own.n_frames
         if progress:
             progress(n_done, n_frames)

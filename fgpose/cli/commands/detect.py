@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Bool, Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.detected import Detected
-    from fgpose.monocular.flips import FlipCorrection
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
+    from fgpose.observations import Observations
     from fgpose.people_observations import PeopleObservations
     from fgpose.pipeline import AnySource, Outputs
 
@@ -134,7 +134,7 @@ class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
     def wanted(self, detected: Detected, console: Console) -> AnySource:
         """Everybody, or the wanted person as each camera saw them, with left and right corrected; prints what was
         found."""
-        from fgpose.monocular.flips import correct_flips
+        from fgpose.estimation.evidence.image_checks.flips import correct_flips
         from fgpose.people_observations import PeopleObservations
         from fgpose.pipeline import Source
 
@@ -150,9 +150,9 @@ class VideoOptions(NetworkOptions, CameraChoice, WantedOptions):
         followed = detected.follow(0 if region is None else region)
         one = Source.of_chosen(detected.rig, detected.people, followed.chosen).confident(self.min_confidence)
         one = one.first_frames(checked_frames(self.frames))
-        corrected = correct_flips(one.observations, detected.rig)
-        print_views(console, corrected, followed.problems[: one.observations.n_frames])
-        return replace(one, observations=corrected.observations, succession=succession)
+        corrected, flipped = correct_flips(one.observations, detected.rig)
+        print_views(console, corrected, flipped, followed.problems[: corrected.n_frames])
+        return replace(one, observations=corrected, succession=succession)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,16 +245,18 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
     console.print(f"{detected.n_images} images of {detected.rig.n_cameras} cameras{known}", soft_wrap=True)
 
 
-def print_views(console: Console, corrected: FlipCorrection, problems: Shaped[np.ndarray, "frame camera"]) -> None:
+def print_views(
+    console: Console,
+    observations: Observations,
+    flipped: Bool[np.ndarray, "frame camera"],
+    problems: Shaped[np.ndarray, "frame camera"],
+) -> None:
     """For each camera: in how many frames it saw the person, in how many left and right were exchanged, and why 3D is
     missing or uncertain."""
-
-    observations = corrected.observations
     table = new_table("", *observations.camera_names)
     n_seen = observations.seen.any(axis=-1).sum(axis=0)
     table.add_row(f"seen, of {observations.n_frames} frames", *map(str, n_seen.tolist()))
-    table.add_row("left and right exchanged, corrected", *map(str, corrected.flipped.sum(axis=0).tolist()))
-    table.add_row("uncertain, trusted less", *map(str, corrected.uncertain.sum(axis=0).tolist()))
+    table.add_row("left and right exchanged, corrected", *map(str, flipped.sum(axis=0).tolist()))
     kinds = [[problem.partition(":")[0] for problem in of_camera] for of_camera in problems.T.tolist()]
     for kind in sorted({kind for of_camera in kinds for kind in of_camera if kind}):
         table.add_row(f"3D missing or uncertain: {kind}", *(str(of_camera.count(kind)) for of_camera in kinds))

@@ -87,6 +87,8 @@ class Evidence:
     fgpose.estimation.visibility.sole_views."""
     delay_s: Float[np.ndarray, "frame camera"]
     """How much later than its frame each image was taken."""
+    sides_exchanged: Bool[np.ndarray, "frame camera"]
+    """The views whose left and right were exchanged, and are as they should be here."""
     implausible: Bool[np.ndarray, " frame"]
     """Whether the detections of a frame make no body: joints tens of metres apart. They are left out."""
     held_m: Float[np.ndarray, "frame joint 3"]

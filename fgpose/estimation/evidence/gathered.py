@@ -36,6 +36,8 @@ class Gathered:
     """Until it is handed over; see hand_over_guess_m."""
     implausible: Bool[np.ndarray, " frame"]
     """See Evidence."""
+    sides_exchanged: Bool[np.ndarray, "frame camera"]
+    """See Evidence; of the parts that are made again it is not kept."""
     _seen: Bool[np.ndarray, "frame joint"]
     _located: Bool[np.ndarray, "frame joint"]
     _left_out: Bool[np.ndarray, " frame"]
@@ -60,8 +62,9 @@ class Gathered:
         (n_frames, _, n_joints), time_s = observations.confidence.shape, observations.frame_time_s
         guess_m, (implausible, left_out) = np.empty((n_frames, n_joints, 3)), np.zeros((2, n_frames), dtype=bool)
         seen, located = np.zeros((2, n_frames, n_joints), dtype=bool)
-        said = credible(observations.confidence, time_s)
-        gathered = Gathered(time_s, [guess_m], implausible, seen, located, left_out, said, observations, rig, config)
+        said, flipped = credible(observations.confidence, time_s), np.zeros((n_frames, rig.n_cameras), dtype=bool)
+        known = implausible, flipped, seen, located, left_out, said
+        gathered = Gathered(time_s, [guess_m], *known, observations, rig, config)
         n_views, parts = np.empty((n_frames, n_joints), dtype=int), parts_of(n_frames, FRAMES_AT_ONCE)
         for part in parts:
             n_views[part] = gathered._learn(part, guess_m).n_views
@@ -160,7 +163,8 @@ class Gathered:
 def gather_long(observations: Observations, rig: CameraRig, config: Config) -> Evidence | Gathered:
     """As gather, without detections that are not of the person at their moment; of a long recording part by part, where
     it is needed."""
-    observations = checked(observations, rig)
+    observations, flipped = checked(observations, rig)
     uses_depths = observations.points3d_m is not None and config.depth.use != "never"
     is_long = observations.n_frames > LONG_FRAMES and not uses_depths
-    return Gathered.of(observations, rig, config) if is_long else gather(observations, rig, config)
+    gathered = Gathered.of(observations, rig, config) if is_long else gather(observations, rig, config)
+    return replace(gathered, sides_exchanged=flipped)

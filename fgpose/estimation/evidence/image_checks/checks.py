@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.estimation.evidence.image_checks.flips import correct_flips, with_sides_exchanged
 from fgpose.estimation.evidence.image_checks.followed import FollowedViews, views_gone_over
+from fgpose.estimation.evidence.image_checks.running_flips import RunningFlips
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -23,13 +25,15 @@ _GRID_PX = 0.25
 _MOST = 0.5  # of the detections of an image that is new
 
 
-def checked(observations: Observations, rig: CameraRig) -> Observations:
-    """A recording without detections that are not of the person at their moment."""
+def checked(observations: Observations, rig: CameraRig) -> tuple[Observations, Bool[np.ndarray, "frame camera"]]:
+    """A recording without detections that are not of the person at their moment, with left and right of all views as
+    they should be; and the views in which they were exchanged."""
     points_px = observations.points2d_px
     repeated = np.zeros(observations.confidence.shape, dtype=bool)
     repeated[1:] = _repeated(points_px[1:], points_px[:-1], np.zeros(observations.n_cameras, dtype=bool))[0]
     new = observations.without(repeated)
-    return without_views(new, views_gone_over(new, rig))
+    corrected, flipped = correct_flips(new, rig)
+    return without_views(corrected, views_gone_over(corrected, rig)), flipped
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,7 @@ class ImageChecks:
     """The last image of each camera that showed anything."""
     is_new: Bool[np.ndarray, " camera"]
     """Whether that was another one than before it."""
+    flips: RunningFlips
     followed: FollowedViews
     """By the joints of the body, without hands and face."""
 
@@ -47,14 +52,13 @@ class ImageChecks:
     def none(n_cameras: int, skeleton: Skeleton) -> ImageChecks:
         """Before the first image."""
         before_px = np.full((n_cameras, skeleton.n_joints, 2), np.nan)
-        followed = FollowedViews.none(n_cameras, len(skeleton.body))
-        return ImageChecks(before_px, np.zeros(n_cameras, dtype=bool), followed)
+        flips, followed = RunningFlips.none(n_cameras, skeleton), FollowedViews.none(n_cameras, len(skeleton.body))
+        return ImageChecks(before_px, np.zeros(n_cameras, dtype=bool), flips, followed)
 
     def checked(
         self, images: Observations, expected_m: Callable[[float], Float[np.ndarray, "joint 3"]], rig: CameraRig
     ) -> tuple[Observations, ImageChecks]:
-        """The images, some of all cameras, without detections that are not of the person at their moment; and what
-        those after them are compared with.
+        """The images, some of all cameras, as checked gives them; and what those after them are compared with.
 
         Args:
             images: of one frame.
@@ -62,12 +66,17 @@ class ImageChecks:
             rig: the cameras.
         """
         repeated, is_new = _repeated(images.points2d_px, self.before_px[None], self.is_new)
-        new, time_s = images.without(repeated), float(images.frame_time_s[0])
-        of_body_px = rig.undistort(new.points2d_px[0][:, list(images.skeleton.body)])
-        followed = self.followed.after(of_body_px, time_s, expected_m(time_s), rig)
+        new, time_s, body = images.without(repeated), float(images.frame_time_s[0]), list(images.skeleton.body)
+        of_body_m, of_all_m = expected_m(time_s), np.full((images.skeleton.n_joints, 3), np.nan)
+        of_all_m[body] = of_body_m
+        flipped, flips = self.flips.after(new, of_all_m, rig)
+        if flipped.any():
+            new = with_sides_exchanged(new, flipped[None])
+        of_body_px = rig.undistort(new.points2d_px[0][:, body])
+        followed = self.followed.after(of_body_px, time_s, of_body_m, rig)
         shows = images.seen[0].any(axis=-1)
         before_px = np.where(shows[:, None, None], images.points2d_px[0], self.before_px)
-        return without_views(new, followed.gone_over[None]), ImageChecks(before_px, is_new[0], followed)
+        return without_views(new, followed.gone_over[None]), ImageChecks(before_px, is_new[0], flips, followed)
 
 
 def _repeated(

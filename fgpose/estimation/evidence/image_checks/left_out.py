@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.estimation.evidence.delays import on_time_px
 from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE
@@ -15,16 +15,21 @@ from fgpose.sampling import parts_of
 from fgpose.trajectory import Estimate, Trajectory
 
 
-def with_left_out(trajectory: Trajectory, given: Observations, rig: CameraRig) -> Trajectory:
-    """What was estimated from these observations, with visibility and residuals of the detections that were left out,
-    where their joint is known."""
+def with_left_out(
+    trajectory: Trajectory, given: Observations, rig: CameraRig, sides_exchanged: Bool[np.ndarray, "frame camera"]
+) -> Trajectory:
+    """What was estimated from these observations, with visibility and residuals of the detections that were left out or
+    taken for those of the other side, where their joint is known."""
     if trajectory.visibility is None or trajectory.residual_px is None:
         return trajectory
     known = np.asarray(np.isfinite(trajectory.positions_m).all(axis=-1))
-    left_out = given.seen & np.isnan(trajectory.visibility) & known[:, None]
-    if not left_out.any():
+    joints = np.arange(given.skeleton.n_joints)
+    of_other_side = sides_exchanged[..., None] & (given.skeleton.mirror != joints)
+    left_out = given.seen & (np.isnan(trajectory.visibility) | of_other_side) & known[:, None]
+    if not (left_out.any() or of_other_side.any()):
         return trajectory
     visibility, residual_px = trajectory.visibility.copy(), trajectory.residual_px.copy()
+    visibility[of_other_side] = residual_px[of_other_side] = np.nan
     visibility[left_out] = 0.0
     for part in parts_of(trajectory.n_frames, FRAMES_AT_ONCE):
         own = left_out[part]
@@ -36,8 +41,10 @@ def with_left_out(trajectory: Trajectory, given: Observations, rig: CameraRig) -
 
 
 def left_out_px(given: Observations, used: Observations) -> Float[np.ndarray, "frame camera joint 2"]:
-    """The detections, in pixels of the original images, of which nothing is used; NaN where there is none."""
-    return np.where((given.seen & ~used.seen)[..., None], given.points2d_px, np.nan)
+    """The detections, in pixels of the original images, of which nothing is used, or as those of the other side; NaN
+    where there is none."""
+    is_used = np.asarray((given.points2d_px == used.points2d_px).all(axis=-1))
+    return np.where((given.seen & ~is_used)[..., None], given.points2d_px, np.nan)
 
 
 def showing_left_out(newest: Estimate, left_out_px: Float[np.ndarray, "camera joint 2"], rig: CameraRig) -> Estimate:

@@ -20,7 +20,7 @@ def held(seen: fgpose.Observations, camera: int, joints: list[int], frames: slic
 
 
 def batch(seen: fgpose.Observations, rig: fgpose.CameraRig) -> fgpose.Observations:
-    return checked(seen, rig)
+    return checked(seen, rig)[0]
 
 
 def online(seen: fgpose.Observations, rig: fgpose.CameraRig, known_m: np.ndarray | None = None) -> fgpose.Observations:
@@ -66,7 +66,7 @@ def test_on_a_grid_whoever_stands_still_comes_again(
     grid_px: float, seen: fgpose.Observations, rig: fgpose.CameraRig
 ) -> None:
     coarse = replace(seen, points2d_px=np.round(held(seen, 1, [3], slice(10, 20)).points2d_px / grid_px) * grid_px)
-    np.testing.assert_array_equal(checked(coarse, rig).seen, coarse.seen)
+    np.testing.assert_array_equal(checked(coarse, rig)[0].seen, coarse.seen)
 
 
 def test_where_nothing_moves_all_is_kept(
@@ -75,10 +75,10 @@ def test_where_nothing_moves_all_is_kept(
     """Somebody who stands still, seen without noise; and a recording of 15 Hz that was written at 30."""
     still_m = walking_scene.truth_m[:1].repeat(10, axis=0)
     still = simulate(still_m, skeleton, rig, 30.0, NO_NOISE, NO_OCCLUSION, seed=0).observations
-    np.testing.assert_array_equal(checked(still, rig).seen, still.seen)
+    np.testing.assert_array_equal(checked(still, rig)[0].seen, still.seen)
     seen = walking_scene.observations
     twice = replace(seen, points2d_px=seen.points2d_px[np.arange(seen.n_frames) // 2 * 2])
-    np.testing.assert_array_equal(checked(twice, rig).seen, twice.seen)
+    np.testing.assert_array_equal(checked(twice, rig)[0].seen, twice.seen)
 
 
 def poses_m(seen: fgpose.Observations, rig: fgpose.CameraRig, *, live: bool) -> np.ndarray:
@@ -185,12 +185,12 @@ def test_somebody_who_turns_round_leaves_all_lines(
     step_m = np.abs(np.arange(60) - 30)[:, None, None] * np.array([2.0, 0.0, 0.0]) / 30
     truth_m = walking_scene.truth_m + step_m
     turns = simulate(truth_m, skeleton, rig, 30.0, DetectionNoise(), NO_OCCLUSION, seed=0).observations
-    np.testing.assert_array_equal(checked(turns, rig).seen, turns.seen)
+    np.testing.assert_array_equal(checked(turns, rig)[0].seen, turns.seen)
 
 
 def test_of_two_against_two_from_the_first_image_nobody_is_chosen(walking_scene: Scene) -> None:
     seen, away = gone_over(walking_scene, [0, 1]), slice(AWAY.start, AWAY.stop)
-    np.testing.assert_array_equal(checked(seen.frames(away), walking_scene.rig).seen, seen.seen[away])
+    np.testing.assert_array_equal(checked(seen.frames(away), walking_scene.rig)[0].seen, seen.seen[away])
 
 
 def test_hands_and_face_elsewhere_are_not_somebody_else(rig: fgpose.CameraRig) -> None:
@@ -201,7 +201,7 @@ def test_hands_and_face_elsewhere_are_not_somebody_else(rig: fgpose.CameraRig) -
     of_parts = [joint for joint in range(133) if joint not in skeleton.body]
     points_px[10:, 0, of_parts] += 400.0
     seen = fgpose.Observations(skeleton, np.arange(20) / 30, points_px, camera_names=rig.names)
-    np.testing.assert_array_equal(checked(seen, rig).seen, seen.seen)
+    np.testing.assert_array_equal(checked(seen, rig)[0].seen, seen.seen)
 
 
 def test_who_is_fast_is_not_somebody_else(
@@ -212,9 +212,9 @@ def test_who_is_fast_is_not_somebody_else(
     fast = simulate(
         walking_scene.truth_m[:6] + along_m, skeleton, rig, 30.0, NO_NOISE, NO_OCCLUSION, seed=0
     ).observations
-    assert checked(fast, rig).seen.sum() == fast.seen.sum()
+    assert checked(fast, rig)[0].seen.sum() == fast.seen.sum()
     everybody = gone_over(walking_scene, [0, 1, 2, 3])
-    found = checked(everybody, rig)
+    found = checked(everybody, rig)[0]
     assert found.seen[-1].sum() == everybody.seen[-1].sum()
 
 
@@ -223,7 +223,7 @@ def test_a_view_that_jumps_by_itself_is_no_other_person(walking_scene: Scene) ->
     seen = walking_scene.observations
     points_px = seen.points2d_px.copy()
     points_px[15, 2] += 400.0
-    found = checked(replace(seen, points2d_px=points_px), walking_scene.rig)
+    found = checked(replace(seen, points2d_px=points_px), walking_scene.rig)[0]
     assert not found.seen[15, 2].any()
     np.testing.assert_array_equal(found.seen[16:], seen.seen[16:])
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import fgpose
+from fgpose.estimation.evidence.image_checks.flips import correct_flips, flip_probability, flipped_views
+from fgpose.estimation.evidence.image_checks.running_flips import RunningFlips
 from fgpose.geometry.camera import CameraRig
-from fgpose.monocular.flips import correct_flips, flip_probability
 from fgpose.observations import Observations
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, ring_rig, simulate, walking
 
@@ -75,10 +76,9 @@ def pair_of(recording: Recording, first: int, second: int) -> Recording:
 
 def test_a_recording_without_flips_stays_as_it_is(recording):
     rig, observations = recording
-    corrected = correct_flips(observations, rig)
-    assert not corrected.flipped.any()
-    assert not corrected.uncertain.any()
-    assert_equal(corrected.observations, observations)
+    corrected, flipped = correct_flips(observations, rig)
+    assert not flipped.any()
+    assert_equal(corrected, observations)
     assert flip_probability(observations, rig).max() < 1e-3
 
 
@@ -88,10 +88,9 @@ def test_random_flips_of_a_real_recording_are_all_found_and_corrected(recording,
     rig, observations = recording
     views = random_flips(100, 4, seed, at_once)
     assert views.sum() > 20
-    corrected = correct_flips(with_sides_exchanged(observations, views), rig)
-    np.testing.assert_array_equal(corrected.flipped, views)
-    assert not corrected.uncertain.any()
-    assert_equal(corrected.observations, observations)
+    corrected, flipped = correct_flips(with_sides_exchanged(observations, views), rig)
+    np.testing.assert_array_equal(flipped, views)
+    assert_equal(corrected, observations)
 
 
 def test_one_camera_of_four_may_be_flipped_all_the_time(recording):
@@ -99,13 +98,13 @@ def test_one_camera_of_four_may_be_flipped_all_the_time(recording):
     for camera in range(4):
         views = np.zeros((100, 4), dtype=bool)
         views[:, camera] = True
-        np.testing.assert_array_equal(correct_flips(with_sides_exchanged(observations, views), rig).flipped, views)
+        np.testing.assert_array_equal(flipped_views(with_sides_exchanged(observations, views), rig), views)
 
 
 def test_one_frame_is_enough_when_the_others_see_the_limbs(blazepose):
     rig, observations = blazepose
     frame, views = observations.frames(slice(40, 41)), np.array([[False, False, True, False]])
-    np.testing.assert_array_equal(correct_flips(with_sides_exchanged(frame, views), rig).flipped, views)
+    np.testing.assert_array_equal(flipped_views(with_sides_exchanged(frame, views), rig), views)
 
 
 def test_covariances_are_exchanged_with_their_joints(blazepose):
@@ -114,9 +113,9 @@ def test_covariances_are_exchanged_with_their_joints(blazepose):
     sizes = np.random.default_rng(0).uniform(0.01, 0.02, observations.confidence.shape)
     with_covariance = replace(observations, covariance3d_m2=sizes[..., None, None] * np.eye(3))
     views = random_flips(100, 4, seed=5)
-    corrected = correct_flips(with_sides_exchanged(with_covariance, views), rig)
-    assert corrected.observations.covariance3d_m2 is not None
-    assert_equal(corrected.observations, with_covariance)
+    corrected, _ = correct_flips(with_sides_exchanged(with_covariance, views), rig)
+    assert corrected.covariance3d_m2 is not None
+    assert_equal(corrected, with_covariance)
 
 
 @pytest.mark.slow
@@ -131,9 +130,8 @@ def test_the_smoothed_motion_is_unharmed(blazepose):
     def moved_m(seen: Observations) -> np.ndarray:
         return np.linalg.norm(fgpose.smooth(seen, rig).positions_m - reference_m, axis=-1)
 
-    assert np.nanquantile(moved_m(spoilt), 0.95) > 0.02, "left as they are, the flips do harm"
     # The corrected observations are the original ones, so the same numbers come out.
-    assert np.nanmax(moved_m(correct_flips(spoilt, rig).observations)) < 1e-9
+    assert np.nanmax(moved_m(spoilt)) < 1e-9
 
 
 @pytest.mark.parametrize("cameras", [(0, 1), (0, 2), (1, 3)])
@@ -141,36 +139,32 @@ def test_with_two_cameras_time_tells_which_one_is_flipped(recording, cameras):
     rig, observations = pair_of(recording, *cameras)
     views = np.zeros((100, 2), dtype=bool)
     views[20:45, 0], views[60:61, 1], views[70:80, 1] = True, True, True
-    corrected = correct_flips(with_sides_exchanged(observations, views), rig)
-    np.testing.assert_array_equal(corrected.flipped, views)
-    assert_equal(corrected.observations, observations)
+    corrected, flipped = correct_flips(with_sides_exchanged(observations, views), rig)
+    np.testing.assert_array_equal(flipped, views)
+    assert_equal(corrected, observations)
 
 
-def test_two_cameras_that_contradict_each_other_throughout_are_both_uncertain(recording):
+def test_two_cameras_that_contradict_each_other_throughout_are_left_as_they_are(recording):
     rig, observations = pair_of(recording, 0, 2)
     views = np.zeros((100, 2), dtype=bool)
     views[:, 1] = True
     contradictory = with_sides_exchanged(observations, views)
-    corrected = correct_flips(contradictory, rig)
-    assert not corrected.flipped.any()
-    assert corrected.uncertain.all()
-    np.testing.assert_array_equal(corrected.observations.points2d_px, contradictory.points2d_px)
-    # As likely as not: the least share of the confidence that is kept.
-    np.testing.assert_allclose(corrected.observations.confidence, 0.1 * contradictory.confidence)
+    corrected, flipped = correct_flips(contradictory, rig)
+    assert not flipped.any()
+    assert_equal(corrected, contradictory)
 
 
-def test_two_against_two_throughout_are_uncertain_three_against_one_are_not(blazepose):
+def test_of_two_against_two_throughout_none_is_chosen_of_three_against_one_the_one(blazepose):
     rig, observations = blazepose
     views = np.zeros((100, 4), dtype=bool)
     views[:, :2] = True
-    corrected = correct_flips(with_sides_exchanged(observations, views), rig)
-    assert corrected.uncertain.all()
-    assert not corrected.flipped.any()
+    flipped = flipped_views(with_sides_exchanged(observations, views), rig)
+    assert not flipped.any()
     three = rig.names[1:]
     views = np.zeros((100, 3), dtype=bool)
     views[:, 0] = True
-    corrected = correct_flips(with_sides_exchanged(observations.subset(three), views), rig.subset(three))
-    np.testing.assert_array_equal(corrected.flipped, views)
+    flipped = flipped_views(with_sides_exchanged(observations.subset(three), views), rig.subset(three))
+    np.testing.assert_array_equal(flipped, views)
 
 
 def test_one_camera_alone_is_left_alone(blazepose):
@@ -178,10 +172,9 @@ def test_one_camera_alone_is_left_alone(blazepose):
     name = rig.names[:1]
     views = random_flips(100, 1, seed=0)
     alone = with_sides_exchanged(observations.subset(name), views)
-    corrected = correct_flips(alone, rig.subset(name))
-    assert not corrected.flipped.any()
-    assert not corrected.uncertain.any()
-    assert_equal(corrected.observations, alone)
+    corrected, flipped = correct_flips(alone, rig.subset(name))
+    assert not flipped.any()
+    assert_equal(corrected, alone)
 
 
 def test_missing_joints_do_not_hide_the_flips(recording):
@@ -190,9 +183,11 @@ def test_missing_joints_do_not_hide_the_flips(recording):
     points2d_px = with_sides_exchanged(observations, views).points2d_px.copy()
     points2d_px[np.random.default_rng(0).random(points2d_px.shape[:3]) < 0.3] = np.nan
     gappy = replace(with_sides_exchanged(observations, views), points2d_px=points2d_px)
-    corrected = correct_flips(gappy, rig)
-    np.testing.assert_array_equal(corrected.flipped, views)
-    assert corrected.observations.seen.sum() == gappy.seen.sum()
+    corrected, flipped = correct_flips(gappy, rig)
+    assert not (flipped & ~views).any()
+    # Where the sides that are left coincide in the image, nothing can be told, and nothing is wrong.
+    assert (flipped & views).sum() > 0.9 * views.sum()
+    assert corrected.seen.sum() == gappy.seen.sum()
 
 
 def test_a_blind_camera_is_not_flipped_and_the_others_are_found(recording):
@@ -200,32 +195,30 @@ def test_a_blind_camera_is_not_flipped_and_the_others_are_found(recording):
     views = random_flips(100, 4, seed=2)
     points2d_px = with_sides_exchanged(observations, views).points2d_px.copy()
     points2d_px[:, 2], points2d_px[30:50, 0] = np.nan, np.nan
-    corrected = correct_flips(replace(with_sides_exchanged(observations, views), points2d_px=points2d_px), rig)
+    flipped = flipped_views(replace(with_sides_exchanged(observations, views), points2d_px=points2d_px), rig)
     views[:, 2], views[30:50, 0] = False, False
-    np.testing.assert_array_equal(corrected.flipped, views)
-    assert not corrected.uncertain[:, 2].any()
+    np.testing.assert_array_equal(flipped, views)
     nobody = replace(observations, points2d_px=np.full_like(points2d_px, np.nan), points3d_m=None)
-    assert not correct_flips(nobody, rig).flipped.any()
+    assert not flipped_views(nobody, rig).any()
 
 
 @pytest.mark.parametrize("cameras", [(0, 1, 2, 3), (0, 1), (0, 2)])
 def test_a_walker_seen_from_all_sides_has_no_flips(walking_scene: Scene, rig, cameras):
     """Seen from the side, left and right coincide; legs cross; the detections are noisy, some grossly wrong."""
     names = tuple(rig.names[camera] for camera in cameras)
-    corrected = correct_flips(walking_scene.observations.subset(names), rig.subset(names))
-    assert not corrected.flipped.any()
-    assert not corrected.uncertain.any()
+    flipped = flipped_views(walking_scene.observations.subset(names), rig.subset(names))
+    assert not flipped.any()
 
 
 def test_occlusion_is_not_mistaken_for_a_flip(mocap_scene: Scene, rig):
     """A real walk with three of the four views occluded and joints guessed behind the occluders."""
-    corrected = correct_flips(mocap_scene.observations, rig)
-    assert not corrected.flipped.any()
+    flipped = flipped_views(mocap_scene.observations, rig)
+    assert not flipped.any()
     views = random_flips(mocap_scene.observations.n_frames, 4, seed=3)
-    corrected = correct_flips(with_sides_exchanged(mocap_scene.observations, views), rig)
-    assert not (corrected.flipped & ~views).any()
-    # Where a view shows but a joint or two, nothing can be told: of the rest all are found.
-    assert (corrected.flipped & views).sum() > 0.95 * views.sum()
+    flipped = flipped_views(with_sides_exchanged(mocap_scene.observations, views), rig)
+    assert not (flipped & ~views).any()
+    # Where a view shows but a joint or two, or the others do not confirm it, it is left as it is.
+    assert (flipped & views).sum() > 0.8 * views.sum()
 
 
 def test_several_cameras_of_a_large_rig_may_be_flipped_at_once(skeleton):
@@ -233,11 +226,49 @@ def test_several_cameras_of_a_large_rig_may_be_flipped_at_once(skeleton):
     scene = simulate(walking(60, 30.0, skeleton), skeleton, rig, 30.0, DetectionNoise(), NO_OCCLUSION, seed=0)
     views = random_flips(60, 8, seed=4, at_once=3)
     assert (views.sum(axis=1) == 3).any(), "more at once than are tried at once"
-    corrected = correct_flips(with_sides_exchanged(scene.observations, views), rig)
-    np.testing.assert_array_equal(corrected.flipped, views)
+    flipped = flipped_views(with_sides_exchanged(scene.observations, views), rig)
+    np.testing.assert_array_equal(flipped, views)
 
 
 def test_other_cameras_are_refused(blazepose):
     rig, observations = blazepose
     with pytest.raises(ValueError, match="no keypoints"):
         correct_flips(observations.subset(rig.names[:3]), rig)
+
+
+def online(seen: Observations, rig: CameraRig, known_m: np.ndarray, one_by_one: bool) -> np.ndarray:
+    """The views that are found flipped as their images come."""
+    flips, found = (
+        RunningFlips.none(seen.n_cameras, seen.skeleton),
+        np.zeros((seen.n_frames, seen.n_cameras), dtype=bool),
+    )
+    for number, frame in enumerate(seen):
+        expected_m = known_m[max(number - 1, 0)]
+        for camera in range(seen.n_cameras) if one_by_one else [slice(None)]:
+            others = np.ones(frame.confidence.shape, dtype=bool)
+            others[:, camera] = False
+            flipped, flips = flips.after(frame.without(others), expected_m, rig)
+            found[number] |= flipped
+    return found
+
+
+@pytest.mark.parametrize("one_by_one", [False, True], ids=["frames", "images"])
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_online_most_are_found_and_no_others(blazepose, at_once, one_by_one):
+    rig, observations = blazepose
+    known_m = fgpose.refine(observations, rig).positions_m
+    assert not online(observations, rig, known_m, one_by_one).any()
+    views = random_flips(100, 4, 0, at_once)
+    found = online(with_sides_exchanged(observations, views), rig, known_m, one_by_one)
+    # The first image after a change may not be sure yet: flips last ten frames, many only one.
+    assert (found & views).sum() > 0.85 * views.sum()
+    assert (found & ~views).sum() < 0.02 * views.size
+
+
+def test_online_somebody_who_is_not_expected_yet_is_judged_by_all_views(blazepose):
+    rig, observations = blazepose
+    views = np.zeros((10, 4), dtype=bool)
+    views[:, 2] = True
+    nowhere_m = np.full((10, observations.skeleton.n_joints, 3), np.nan)
+    seen = with_sides_exchanged(observations.frames(slice(40, 50)), views)
+    np.testing.assert_array_equal(online(seen, rig, nowhere_m, one_by_one=False), views)

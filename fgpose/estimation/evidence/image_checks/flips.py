@@ -1,0 +1,264 @@
+"""Views in which a network has exchanged the left and the right side of the body.
+
+The forward-backward algorithm (Rabiner 1989) gives the probability that a view is flipped, given the whole recording
+(see flip_model). Where left and right coincide in the image there is no evidence of a flip, and none is found. A body
+that is hallucinated fits neither way: a flip is believed only where the other views confirm it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.estimation.evidence.image_checks.flip_model import (
+    INLIER_PX,
+    disagreement,
+    log_change,
+    log_prior,
+    metres_per_px,
+    misfit_of,
+    of_states,
+    possible_states,
+)
+from fgpose.estimation.initial_guess import time_to_known_s
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
+
+SURE = 0.9
+"""A view that is flipped with at least this probability is corrected. Detections of an uncertain one keep their weight:
+errors are smaller with it than without."""
+# Of the joints of a view whose sides are apart: so many more fit exchanged than as they are, by the other views. Of
+# hallucinated bodies 0.05 and less, of exchanged ones 0.12 and more.
+_CONFIRMED_SHARE, _APART_M, _FEWEST = 0.1, 0.08, 3
+# With two cameras there is no other view: nearly all have to fit. Of hallucinated bodies 0.32 and more do not.
+_FITS_SHARE = 0.25
+_AROUND_S, _DOUBT = 0.5, 0.5  # of a suspicious frame: flips begin and end where left and right coincide
+_ROUNDS = 3  # in a rig of more than six cameras two flips are found in each
+_TWO = 2
+_FRAMES_AT_ONCE = 200  # bounds memory
+
+
+def correct_flips(observations: Observations, rig: CameraRig) -> tuple[Observations, Bool[np.ndarray, "frame camera"]]:
+    """The observations with left and right exchanged in the views that are flipped (flipped_views), and which these
+    are. Raises ValueError: the cameras of the observations and of the rig differ."""
+    flipped = flipped_views(observations, rig)
+    return with_sides_exchanged(observations, flipped) if flipped.any() else observations, flipped
+
+
+def flipped_views(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera"]:
+    """The views whose left and right are exchanged.
+
+    A camera can only be judged by others. With one camera nothing is found; with two that disagree, only the frames
+    before and after tell which one is wrong. A view in which only the legs or only the arms are exchanged counts as
+    whichever fits better: that is rare (2 of 1,200 real views), and the robust kernels of the estimator cope with it.
+
+    Raises:
+        ValueError: the cameras of the observations and of the rig differ.
+    """
+    observations.check_cameras(rig.names)
+    flipped = np.zeros((observations.n_frames, observations.n_cameras), dtype=bool)
+    if rig.n_cameras < _TWO or not len(limb_joints(observations.skeleton)):
+        return flipped
+    for part in _suspicious_parts(observations, rig):
+        flipped[part] = _flips(observations.frames(part), rig)
+    return flipped
+
+
+def _flips(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera"]:
+    points_px, weights = limbs(observations, rig)
+    flipped = np.zeros(weights.shape[:2], dtype=bool)
+    # Of a large rig only a few flipped cameras are considered at once; correcting them helps to find the others.
+    for _ in range(_ROUNDS):
+        found = _probability(points_px, weights, observations.frame_time_s, rig) > SURE
+        found = confirmed(points_px, weights, found, rig)
+        if not found.any():
+            break
+        points_px, weights, flipped = _exchanged(points_px, found), _exchanged(weights, found), flipped ^ found
+    return flipped
+
+
+def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[slice]:
+    """The frames near those in which a camera fits the others better with its sides exchanged, or in which no more than
+    two show anybody: one that is exchanged moves what they tell."""
+    suspicious = np.zeros(observations.n_frames, dtype=bool)
+    for part in _parts(observations.n_frames):
+        points_px, weights = limbs(observations.frames(part), rig)
+        shows = weights.any(axis=(2, 3))
+        fits_better = is_suspicious(points_px, _met_m(points_px, weights, rig), rig)
+        suspicious[part] = (shows.sum(axis=1) == _TWO) | fits_better.any(axis=1)
+    if not suspicious.any():
+        return []
+    time_s = observations.frame_time_s
+    around_s = time_to_known_s(suspicious[:, None], time_s)[:, 0]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], around_s <= _AROUND_S, [False]])))
+    return [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
+
+
+def is_suspicious(
+    points_px: Float[np.ndarray, "frame camera pair side 2"],
+    positions_m: Float[np.ndarray, "frame pair side 3"],
+    rig: CameraRig,
+) -> Bool[np.ndarray, "frame camera"]:
+    """Which views fit limbs at these positions better with left and right exchanged."""
+    misfit, other_way, _ = _misfits(points_px, positions_m, rig)
+    return np.asarray(misfit - other_way > _DOUBT)
+
+
+def confirmed(
+    points_px: Float[np.ndarray, "frame camera pair side 2"],
+    weights: Float[np.ndarray, "frame camera pair side"],
+    found: Bool[np.ndarray, "frame camera"],
+    rig: CameraRig,
+) -> Bool[np.ndarray, "frame camera"]:
+    """Those of the flips, from their beginning to their end, whose views clearly fit the others when exchanged.
+
+    Args:
+        points_px, weights: see limbs.
+        found: the views that are flipped.
+        rig: the cameras.
+    """
+    sure, others_px, others = np.zeros_like(found), _exchanged(points_px, found), _exchanged(weights, found)
+    for camera in np.flatnonzero(found.any(axis=0)).tolist():
+        frames = np.flatnonzero(found[:, camera])
+        by_others = others[frames]
+        if rig.n_cameras > _TWO:
+            by_others[:, camera] = 0.0
+        met_m = _met_m(others_px[frames], by_others, rig)
+        misfits = (each[:, camera] for each in _misfits(points_px[frames], met_m, rig))
+        begins = np.flatnonzero(np.diff(frames, prepend=-_TWO) > 1)
+        misfit, other_way, judged = (np.add.reduceat(each, begins) for each in misfits)
+        clear = (judged >= _FEWEST) & (misfit - other_way > _CONFIRMED_SHARE * judged)
+        if rig.n_cameras == _TWO:
+            clear &= other_way < _FITS_SHARE * judged
+        sure[frames, camera] = np.repeat(clear, np.diff(begins, append=len(frames)))
+    return sure
+
+
+def _met_m(
+    points_px: Float[np.ndarray, "frame camera pair side 2"],
+    weights: Float[np.ndarray, "frame camera pair side"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "frame pair side 3"]:
+    """Where the views agree, by these weights; NaN where they do not."""
+    shape = *weights.shape[:2], int(np.prod(weights.shape[2:]))
+    met = triangulate_robust(points_px.reshape(*shape, 2), weights.reshape(shape), rig, rig.in_own_px(INLIER_PX))
+    return met.positions_m.reshape(len(weights), *weights.shape[2:], 3)
+
+
+def _misfits(
+    points_px: Float[np.ndarray, "frame camera pair side 2"],
+    positions_m: Float[np.ndarray, "frame pair side 3"],
+    rig: CameraRig,
+) -> tuple[Float[np.ndarray, "frame camera"], Float[np.ndarray, "frame camera"], Int[np.ndarray, "frame camera"]]:
+    """How many joints of each view do not fit limbs at these positions, as they are and with left and right exchanged;
+    those that fit roughly count in part. And of how many, whose sides are apart in the image."""
+    projected_px = np.stack([camera.project(positions_m) for camera in rig.cameras], axis=1)
+    joints_m = positions_m.reshape(len(positions_m), -1, 3)
+    px_per_m = rig.px_per_m(joints_m).reshape(projected_px.shape[:-1])
+    apart_m = np.linalg.norm(projected_px[..., 0, :] - projected_px[..., 1, :], axis=-1, keepdims=True) / px_per_m
+    judged = np.asarray(np.isfinite(points_px).all(axis=(-1, -2)))[..., None] & (apart_m > _APART_M)
+
+    def misfit(seen_px: np.ndarray) -> Float[np.ndarray, "frame camera"]:
+        off_m = np.linalg.norm(projected_px - seen_px, axis=-1) / px_per_m
+        return np.asarray(np.where(judged, misfit_of(off_m), 0.0).sum(axis=(2, 3)))
+
+    return misfit(points_px), misfit(points_px[..., ::-1, :]), judged.sum(axis=(2, 3))
+
+
+def limbs(
+    observations: Observations, rig: CameraRig
+) -> tuple[Float[np.ndarray, "frame camera pair side 2"], Float[np.ndarray, "frame camera pair side"]]:
+    """The undistorted detections of the limbs (see limb_joints), and their weights: the confidence, as a share of what
+    is usual; zero where there is none."""
+    pairs = limb_joints(observations.skeleton)
+    points_px = rig.undistort(observations.points2d_px[:, :, pairs.ravel()])
+    confidence = observations.confidence[:, :, pairs]
+    points_px = points_px.reshape(*confidence.shape, 2)
+    seen = np.isfinite(points_px).all(axis=-1)
+    usual = float(np.median(confidence[seen])) if seen.any() else 1.0
+    return points_px, np.where(seen, np.minimum(confidence / usual, 1.0), 0.0)
+
+
+def _exchanged(
+    of_limbs: Float[np.ndarray, "frame camera pair side *rest"], flipped: Bool[np.ndarray, "frame camera"]
+) -> Float[np.ndarray, "frame camera pair side *rest"]:
+    """With the sides of these views exchanged."""
+    where = flipped.reshape(*flipped.shape, *[1] * (of_limbs.ndim - 2))
+    return np.where(where, of_limbs[:, :, :, ::-1], of_limbs)
+
+
+def flip_probability(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
+    """Probability that each view has left and right exchanged; 0 where it sees nothing of the limbs."""
+    return _probability(*limbs(observations, rig), observations.frame_time_s, rig)
+
+
+def _probability(
+    points_px: Float[np.ndarray, "frame camera pair side 2"],
+    weights: Float[np.ndarray, "frame camera pair side"],
+    time_s: Float[np.ndarray, " frame"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "frame camera"]:
+    states = possible_states(rig.n_cameras)
+    if not points_px.shape[2] or len(states) == 1:
+        return np.zeros(weights.shape[:2])
+    scale = metres_per_px(points_px, weights, rig)
+    cost = np.concatenate(
+        [disagreement(points_px[part], weights[part], scale[part], rig, states) for part in _parts(len(points_px))]
+    )
+    last = _last_seen(weights > 0)
+    known, last = last >= 0, np.maximum(last, 0)
+    before_px = np.take_along_axis(points_px, last[..., None], axis=0)
+    before_weights = np.where(known, np.take_along_axis(weights, last, axis=0), 0.0)
+    passed_s, step_s = time_s.reshape(-1, 1, 1, 1) - time_s[last], np.diff(time_s, prepend=time_s[0])[:, None]
+    change = log_change(points_px, weights, before_px, before_weights, passed_s, step_s, scale)
+    posterior = _forward_backward(-cost, np.stack([of_states(each, states) for each in change]), log_prior(states))
+    return np.where(weights.any(axis=(2, 3)), posterior @ states, 0.0)
+
+
+def _parts(n_frames: int) -> list[slice]:
+    return [slice(start, start + _FRAMES_AT_ONCE) for start in range(0, n_frames, _FRAMES_AT_ONCE)]
+
+
+def limb_joints(skeleton: Skeleton) -> Int[np.ndarray, "pair side"]:
+    """Left and right joints of the limbs, or of all pairs where a skeleton has no limbs. Faces and fingers are left
+    out: their many joints would outweigh the limbs."""
+    ends = [ends for left, right in skeleton.limb_pairs for ends in zip(left, right, strict=True)]
+    return np.array(list(dict.fromkeys(ends)) or skeleton.left_right, dtype=int).reshape(-1, 2)
+
+
+def _last_seen(seen: Bool[np.ndarray, "frame camera pair side"]) -> Int[np.ndarray, "frame camera pair side"]:
+    """The last frame before each in which something was seen; -1 where there is none."""
+    frame = np.arange(len(seen))[:, None, None, None]
+    latest = np.maximum.accumulate(np.where(seen, frame, -1), axis=0)
+    return np.concatenate([np.full((1, *seen.shape[1:]), -1), latest[:-1]])
+
+
+def _forward_backward(
+    log_likelihood: Float[np.ndarray, "frame state"],
+    change: Float[np.ndarray, "frame state state"],
+    prior: Float[np.ndarray, " state"],
+) -> Float[np.ndarray, "frame state"]:
+    """Probability of each state in each frame, given all frames; logarithms in, probabilities out."""
+    forward, backward = log_likelihood.copy(), np.zeros_like(log_likelihood)
+    forward[0] += prior
+    for t in range(1, len(forward)):
+        forward[t] += np.logaddexp.reduce(forward[t - 1][:, None] + change[t], axis=0)
+        after = len(forward) - t
+        backward[after - 1] = np.logaddexp.reduce(change[after] + log_likelihood[after] + backward[after], axis=1)
+    total = forward + backward
+    total = np.exp(total - total.max(axis=1, keepdims=True))
+    return total / total.sum(axis=1, keepdims=True)
+
+
+def with_sides_exchanged(observations: Observations, flipped: Bool[np.ndarray, "frame camera"]) -> Observations:
+    """The observations with left and right of these views exchanged in all that is known of the joints."""
+    mirror = observations.skeleton.mirror
+
+    def of_other_side(values: np.ndarray) -> np.ndarray:
+        return np.where(flipped.reshape(*flipped.shape, *[1] * (values.ndim - 2)), values[:, :, mirror], values)
+
+    return replace(observations, **observations.per_detection(of_other_side))
