@@ -88,7 +88,9 @@ class FollowedViews:
         is_tie = np.count_nonzero(trusted) < _TELL
         if is_tie:
             trusted = follows
-        if (follows & ~trusted).any() or (self.gone_over & shows).any():
+        # Whom most views show together, with those among them that had gone over, is the person.
+        is_told = is_tie and _is_majority(points_px, known_m, shows, rig)
+        if not is_told and ((follows & ~trusted).any() or (self.gone_over & shows).any()):
             now_px = np.where(shows[:, None, None], points_px, line_px)
             known_m = self._located_m(np.where(trusted[:, None, None], now_px, np.nan), time_s, rig)
         body = self.body.seen(known_m, time_s)
@@ -183,6 +185,17 @@ def _away(
     n_known, n_seen = np.isfinite(joints_m).sum(axis=-1), np.isfinite(points_px[..., 0]).sum(axis=-1)
     n_off = np.where((n_known > 1) & (2 * n_known >= n_seen), (joints_m > _OFF_M).sum(axis=-1), np.nan)
     return n_off / np.maximum(n_known, 1), np.linalg.norm(known_medians(away_m), axis=-1)
+
+
+def _is_majority(
+    points_px: Float[np.ndarray, "camera joint 2"],
+    person_m: Float[np.ndarray, "joint 3"],
+    shows: Bool[np.ndarray, " camera"],
+    rig: CameraRig,
+) -> bool:
+    """Whether most of the views, and more than any two that meet by chance, show somebody there."""
+    n_there = np.count_nonzero(shows & (_away(points_px, person_m, rig)[0] <= _OFF))
+    return bool(n_there > max(_TELL, np.count_nonzero(shows) / 2))
 
 
 def _any_joint(points_px: Float[np.ndarray, "camera joint 2"]) -> Bool[np.ndarray, " camera"]:
