@@ -26,6 +26,7 @@ from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
+from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 
 SURE = 0.9
@@ -39,7 +40,8 @@ _FITS_SHARE = 0.25
 _AROUND_S, _DOUBT = 0.5, 0.5  # of a suspicious frame: flips begin and end where left and right coincide
 _ROUNDS = 3  # in a rig of more than six cameras two flips are found in each
 _TWO = 2
-_FRAMES_AT_ONCE = 200  # bounds memory
+_FRAMES_AT_ONCE, _MOST_FRAMES = 200, 5000  # bound memory
+_OVERLAP = 100  # frames, of flips that begin before such a part
 
 
 def correct_flips(observations: Observations, rig: CameraRig) -> tuple[Observations, Bool[np.ndarray, "frame camera"]]:
@@ -63,8 +65,12 @@ def flipped_views(observations: Observations, rig: CameraRig) -> Bool[np.ndarray
     flipped = np.zeros((observations.n_frames, observations.n_cameras), dtype=bool)
     if rig.n_cameras < _TWO or not len(limb_joints(observations.skeleton)):
         return flipped
-    for part in _suspicious_parts(observations, rig):
-        flipped[part] = _flips(observations.frames(part), rig)
+    for start, stop in _suspicious_parts(observations, rig):
+        for part in parts_of(stop - start, _MOST_FRAMES):
+            own = slice(start + part.start, start + part.stop)
+            around = slice(max(own.start - _OVERLAP, start), min(own.stop + _OVERLAP, stop))
+            found = _flips(observations.frames(around), rig)
+            flipped[own] = found[own.start - around.start : own.stop - around.start]
     return flipped
 
 
@@ -81,11 +87,11 @@ def _flips(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "fram
     return flipped
 
 
-def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[slice]:
+def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[tuple[int, int]]:
     """The frames near those in which a camera fits the others better with its sides exchanged, or in which no more than
     two show anybody: one that is exchanged moves what they tell."""
     suspicious = np.zeros(observations.n_frames, dtype=bool)
-    for part in _parts(observations.n_frames):
+    for part in parts_of(observations.n_frames, _FRAMES_AT_ONCE):
         points_px, weights = limbs(observations.frames(part), rig)
         shows = weights.any(axis=(2, 3))
         fits_better = is_suspicious(points_px, _met_m(points_px, weights, rig), rig)
@@ -95,7 +101,7 @@ def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[slice]
     time_s = observations.frame_time_s
     around_s = time_to_known_s(suspicious[:, None], time_s)[:, 0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], around_s <= _AROUND_S, [False]])))
-    return [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
+    return [(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
 
 
 def is_suspicious(
@@ -207,7 +213,10 @@ def _probability(
         return np.zeros(weights.shape[:2])
     scale = metres_per_px(points_px, weights, rig)
     cost = np.concatenate(
-        [disagreement(points_px[part], weights[part], scale[part], rig, states) for part in _parts(len(points_px))]
+        [
+            disagreement(points_px[part], weights[part], scale[part], rig, states)
+            for part in parts_of(len(points_px), _FRAMES_AT_ONCE)
+        ]
     )
     last = _last_seen(weights > 0)
     known, last = last >= 0, np.maximum(last, 0)
@@ -217,10 +226,6 @@ def _probability(
     change = log_change(points_px, weights, before_px, before_weights, passed_s, step_s, scale)
     posterior = _forward_backward(-cost, np.stack([of_states(each, states) for each in change]), log_prior(states))
     return np.where(weights.any(axis=(2, 3)), posterior @ states, 0.0)
-
-
-def _parts(n_frames: int) -> list[slice]:
-    return [slice(start, start + _FRAMES_AT_ONCE) for start in range(0, n_frames, _FRAMES_AT_ONCE)]
 
 
 def limb_joints(skeleton: Skeleton) -> Int[np.ndarray, "pair side"]:
