@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.unknowns import FOCAL, OFFSET, TRANSLATION, Groups
-from fgpose.calibration.from_people.body_size import INLIER_SHARE
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
-from fgpose.calibration.from_people.rig.evidence import body_radius_px, frames_of
+from fgpose.calibration.from_people.rig.evidence import frames_of, reconstructed
 from fgpose.calibration.from_people.rig.focal_check import check_focal
+from fgpose.calibration.from_people.rig.other_people import OtherPerson, other_people
 from fgpose.calibration.from_people.rig.scaffold import scaffolds
 from fgpose.calibration.from_people.rig.somebody_else import with_the_walker
 from fgpose.calibration.from_people.rig.walk_adjustment import AdjustedWalk, AdjustmentConfig, adjust, lens_groups
@@ -35,7 +35,6 @@ from fgpose.calibration.from_people.world.metric import Metric, to_metric
 from fgpose.calibration.from_people.world.scale import MeasuredDistance, body_sigma, check_stature
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import BLOCK_PX
-from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.people_observations import PeopleObservations
 from fgpose.shown.unknown_names import check_names
 
@@ -118,7 +117,9 @@ def calibrate_from_people(
     told()
     halves = adjusting.halves(walk, adjusted.rig)
     told()
-    metric = _metric(walk, adjusted, joints, halves, stature_m, measured)
+    # A distance is nobody's.
+    others = [] if measured or stature_m is None else other_people(walk, everybody, found, adjusted.rig, joints)
+    metric = _metric(walk, adjusted, joints, halves, stature_m, measured, others)
     told()
     result = _judged(first, walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
@@ -180,12 +181,12 @@ class _Adjusting:
     ) -> tuple[Walk, AdjustedWalk, Float[np.ndarray, "frame joint 3"]]:
         """Again where views showed somebody else: the walk, the scene, and the joints of all frames."""
         adjusted = self.of(walk, rig)
-        joints = _joints(walk, adjusted.rig)
+        joints = reconstructed(walk, adjusted.rig)
         of_walker = with_the_walker(walk, everybody, starts, adjusted.rig, joints)
         if of_walker is walk:
             return walk, adjusted, joints
         adjusted = self.of(of_walker, adjusted.rig)
-        return of_walker, adjusted, _joints(of_walker, adjusted.rig)
+        return of_walker, adjusted, reconstructed(of_walker, adjusted.rig)
 
     def halves(self, walk: Walk, rig: CameraRig) -> tuple[AdjustedWalk, AdjustedWalk] | None:
         """Of each half of the recording; None where one is too short, or shows too little."""
@@ -206,13 +207,6 @@ def _adjusting(rig: CameraRig, focal: Focal, parts: Parts, *, clocks: bool) -> _
     return _Adjusting(_unknown_lenses(rig, focal) if parts.joint_focal else (), clocks, config)
 
 
-def _joints(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:
-    """Of all frames of the walk, in the gauge of the rig."""
-    radius_px = float(np.nanmedian([body_radius_px(walk.points2d_px[:, c]) for c in range(rig.n_cameras)]))
-    undistorted_px = rig.undistort(walk.points2d_px)
-    return triangulate_robust(undistorted_px, walk.confidence, rig, INLIER_SHARE * radius_px).positions_m
-
-
 def _of_positions(adjusted: AdjustedWalk) -> Float[np.ndarray, "camera 3 camera 3"]:
     """Covariance of the positions of the cameras, in the gauge of the rig."""
     rotations = np.stack([camera.world_T_camera[:3, :3] for camera in adjusted.rig.cameras])
@@ -227,10 +221,11 @@ def _metric(
     halves: tuple[AdjustedWalk, AdjustedWalk] | None,
     stature_m: float | None,
     measured: Sequence[MeasuredDistance],
+    others: Sequence[OtherPerson],
 ) -> Metric:
     """In the world, with what the halves of the recording tell of the size of the body."""
     cues = stature_m, _of_rig(measured, walk), _of_positions(adjusted), _body_sigma(joints, adjusted.rig, halves)
-    return to_metric(walk, adjusted.rig, joints, *cues)
+    return to_metric(walk, adjusted.rig, joints, *cues, others)
 
 
 def _body_sigma(
@@ -239,7 +234,7 @@ def _body_sigma(
     """See fgpose.calibration.from_people.world.scale.body_sigma; 0 where there are no halves."""
     if halves is None:
         return 0.0
-    of_halves = [_joints(half.walk, aligned(half.rig, rig)[0].rig(half.rig)) for half in halves]
+    of_halves = [reconstructed(half.walk, aligned(half.rig, rig)[0].rig(half.rig)) for half in halves]
     lengths = halves[0].walk.skeleton.bone_lengths
     return body_sigma(lengths(joints), [lengths(own) for own in of_halves])
 

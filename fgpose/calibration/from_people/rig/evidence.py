@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.adjustment.sightings import Sightings
-from fgpose.calibration.from_people.body_size import body_radius
+from fgpose.calibration.from_people.body_size import INLIER_SHARE, body_radius
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.estimation.evidence.weights import LEAST_WEIGHT
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.sampling import spread_evenly, usual_step_s
 from fgpose.skeleton import Skeleton
 from fgpose_factors.robust_statistics import known_median
@@ -95,6 +96,13 @@ def frames_of(walk: Walk, frames: Int[np.ndarray, " used"]) -> Walk:
 def body_radius_px(points_px: Float[np.ndarray, "frame joint 2"]) -> float:
     """How large the walker is in an image: median over frames; NaN where fewer than two joints are seen."""
     return known_median(body_radius(points_px))
+
+
+def reconstructed(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:
+    """The joints of all frames of a walk, in the gauge of the rig; NaN = not determined."""
+    radius_px = float(np.nanmedian([body_radius_px(walk.points2d_px[:, c]) for c in range(rig.n_cameras)]))
+    undistorted_px = rig.undistort(walk.points2d_px)
+    return triangulate_robust(undistorted_px, walk.confidence, rig, INLIER_SHARE * radius_px).positions_m
 
 
 def _moving(

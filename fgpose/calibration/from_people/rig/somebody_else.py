@@ -17,7 +17,7 @@ from fgpose.geometry.camera import CameraRig
 
 # Radii of the body (0.5 m), of the middle of its joints: errors of detections move it by a tenth of that, and of people
 # who are nearer to each other than that it hardly matters who is who.
-_ELSEWHERE = 0.6
+ELSEWHERE = 0.6
 _FEW = 0.02  # of the frames of a camera: the robust kernel bears more
 
 
@@ -59,16 +59,16 @@ def _with_the_walker(
     there_px = rig.cameras[c].project(joints_m)
 
     def radii_away(points2d_px: Float[np.ndarray, "frame joint 2"]) -> Float[np.ndarray, " frame"]:
-        return _offset_px(rig.cameras[c].undistort(points2d_px), there_px) / radius_px
+        return offset_px(rig.cameras[c].undistort(points2d_px), there_px) / radius_px
 
     away = radii_away(walk.points2d_px[:, c])
-    is_known, elsewhere = np.isfinite(away), away > _ELSEWHERE
+    is_known, elsewhere = np.isfinite(away), away > ELSEWHERE
     points2d_px, confidence = walk.points2d_px[:, c].copy(), walk.confidence[:, c].copy()
     points3d_m = None if walk.points3d_m is None else walk.points3d_m[:, c].copy()
     found = np.zeros_like(elsewhere)
     for track in tracks:
         of_track = seen_at(track, starts.own_s(track.camera, walk.time_s))
-        is_walker = (elsewhere | ~is_known) & ~found & (radii_away(of_track[0]) <= _ELSEWHERE)
+        is_walker = (elsewhere | ~is_known) & ~found & (radii_away(of_track[0]) <= ELSEWHERE)
         points2d_px[is_walker], confidence[is_walker] = of_track[0][is_walker], of_track[1][is_walker]
         if points3d_m is not None:
             points3d_m[is_walker] = of_track[2][is_walker]
@@ -82,7 +82,7 @@ def _with_the_walker(
     return _replaced(walk, c, points2d_px, confidence, points3d_m)
 
 
-def _offset_px(
+def offset_px(
     seen_px: Float[np.ndarray, "frame joint 2"], there_px: Float[np.ndarray, "frame joint 2"]
 ) -> Float[np.ndarray, " frame"]:
     """Median over the joints: no minority of hidden ones makes it somebody else. NaN where too few are known."""

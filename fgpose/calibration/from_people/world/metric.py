@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.rig_alignment import Similarity
+from fgpose.calibration.from_people.rig.other_people import OtherPerson
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.calibration.from_people.world.floor import Floor, find_floor
@@ -25,6 +26,7 @@ from fgpose.calibration.from_people.world.scale import (
 )
 from fgpose.calibration.from_people.world.steps import Steps
 from fgpose.calibration.from_people.world.vertical import Vertical, find_vertical, is_upright
+from fgpose.calibration.from_people.world.whose_stature import Beside, whose_stature
 from fgpose.geometry.camera import Camera, CameraRig
 
 # Statures per second: 0.4 m/s, half of a slow walk.
@@ -65,6 +67,7 @@ def to_metric(
     distances: Sequence[MeasuredDistance] = (),
     covariance: Float[np.ndarray, "camera 3 camera 3"] | None = None,
     body_sigma: float = 0.0,
+    others: Sequence[OtherPerson] = (),
 ) -> Metric:
     """Find scale, vertical and floor, and take rig and joints to the world.
 
@@ -76,6 +79,7 @@ def to_metric(
         distances: measured between cameras.
         covariance: of the positions of the cameras, in the gauge; for the sigma of a distance.
         body_sigma: of the size of the body in the gauge, as a share of it; see scale.body_sigma.
+        others: who was there beside the walker: the stature may be theirs.
 
     Raises:
         ValueError: the skeleton lacks legs, no frame shows them all, a distance names an unknown camera, or the stature
@@ -98,10 +102,26 @@ def to_metric(
     scale = fuse(cues, network) if cues else fuse([network or adult_cue(joints_m, anatomy).of_body(body_sigma)])
     if not cues:
         scale = replace(scale, findings=(*scale.findings, assumed(scale)))
+    if stature_m is not None and not distances:
+        beside = [
+            Beside(other.seen, _times_as_tall(other, scale, stature_m, vertical, floor, anatomy)) for other in others
+        ]
+        scale = whose_stature(scale, cues[0].sigma, walk, beside)
     if not distances:
         scale = replace(scale, findings=(*scale.findings, *body_uncertain(body_sigma)))
     similarity = _world_T_gauge(rig.cameras[0], vertical.up, floor.height, scale.factor)
     return Metric(similarity.rig(rig), similarity.of(joints_m), similarity, scale, vertical, floor, body_sigma)
+
+
+def _times_as_tall(
+    other: OtherPerson, scale: Scale, stature_m: float, vertical: Vertical, floor: Floor, anatomy: Anatomy
+) -> float:
+    """Somebody as the walker, by what the unit would be if the stature were theirs; NaN: not known."""
+    if not np.isfinite(anatomy.stature_m(other.joints_m)):
+        return np.nan
+    heads = _heads(other.joints_m, other.seen.time_s, vertical, floor, anatomy)
+    # The segments, of who sits or stoops.
+    return scale.factor / stature_cues(stature_m, other.joints_m, heads, anatomy)[-1].factor
 
 
 def _heads(
