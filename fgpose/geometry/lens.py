@@ -10,6 +10,7 @@ from jaxtyping import Float
 LensModel = Literal["pinhole", "fisheye"]
 # The numbers of coefficients that OpenCV takes for each lens, without those of tilted sensors and thin prisms.
 _DISTORTION_SIZES = {"pinhole": (0, 4, 5, 8), "fisheye": (4,)}
+_OF_OPENCV = (12, 14)
 # Where the lens model is invertible the round trip is exact to 1e-6 px; where it is not, off by tens of pixels.
 _MAX_ROUND_TRIP_PX = 1.0
 # cv2.TERM_CRITERIA_COUNT | EPS; 5 iterations (the default) leave 1 px at a corner.
@@ -23,7 +24,20 @@ def check_lens(lens: str, n_coefficients: int) -> None:
         raise ValueError(f"unknown lens {lens!r}; known: {', '.join(_DISTORTION_SIZES)}")
     if n_coefficients not in _DISTORTION_SIZES[lens]:
         sizes = ", ".join(map(str, _DISTORTION_SIZES[lens]))
+        if lens == "pinhole" and n_coefficients in _OF_OPENCV:
+            raise ValueError(
+                f"a pinhole lens takes {sizes} coefficients; those of thin prisms and tilted sensors, the ninth and "
+                f"later of {n_coefficients}, are not supported"
+            )
         raise ValueError(f"a {lens} lens takes {sizes} coefficients, got {n_coefficients}")
+
+
+def without_unused(distortion: Float[np.ndarray, " coefficients"]) -> Float[np.ndarray, " used"]:
+    """Of OpenCV's 12 or 14 coefficients those of the smallest model that a camera takes; all where thin prisms or
+    tilted sensors are not zero."""
+    if distortion.size not in _OF_OPENCV or distortion[8:].any():
+        return distortion
+    return distortion[:8] if distortion[5:].any() else distortion[:5]
 
 
 def without_distortion(
