@@ -12,25 +12,29 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.lens import LensModel
+from fgpose.geometry.lens import LensModel, without_unused
 from fgpose.geometry.rigid import inverse, pose_of
 from fgpose.plain_files import MAX_CAMERAS
 
-UnitOfFormat = Literal["auto", "m", "mm"]
-"""What a format prescribes; auto where it leaves the unit open."""
+UnitOfFormat = str
+"""What a format prescribes, or a file says, a name of UNITS; auto where it is left open."""
 Unit = str | float
 """auto, a name of UNITS, or how many metres a unit is, as the side of the squares of a board."""
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
 """Metres per unit, by its name."""
+_OTHER_NAMES = {"inches": "inch", "in": "inch", "feet": "ft", "foot": "ft"}
 # Rigs stand in rooms and halls: no camera is farther than this from the others or from the origin.
 _MAX_PLAUSIBLE_M = 100.0
 # Cameras that are all nearer to each other than this cannot triangulate a person.
 _MIN_PLAUSIBLE_M = 0.02
 # Cameras around a person are further apart than this.
 _SMALL_M = 0.5
-# A file of unknown unit: below the first it can only be metres, above the second only millimetres.
+# Of the width of the image: 136 degrees as a pinhole, 286 as a fisheye.
+_LEAST_FOCAL = 0.2
+# A file of unknown unit: below the first it can only be metres, above the second only millimetres: cameras around a
+# person in centimetres would be less than 1 m apart in these.
 _SURELY_METRES = 20.0
-_SURELY_MILLIMETRES = 200.0
+_SURELY_MILLIMETRES = 1000.0
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,10 @@ class CalibratedView:
     """Since when, and R and t from then on."""
 
     def to_camera(self, metres_per_unit: float) -> Camera:
+        check_focal(self.name, self.K, self.size_px)
+        distortion = without_unused(self.distortion)
         camera = Camera.from_world_to_camera(
-            self.name, self.size_px, self.K, self.R, self.t * metres_per_unit, self.distortion, self.lens
+            self.name, self.size_px, self.K, self.R, self.t * metres_per_unit, distortion, self.lens
         )
         moves = tuple((since_s, inverse(pose_of(R, t * metres_per_unit))) for since_s, R, t in self.moves)
         return replace(
@@ -80,6 +86,15 @@ class Intrinsics:
     lens: LensModel = "pinhole"
 
 
+def check_focal(name: str, K: Float[np.ndarray, "3 3"], size_px: tuple[int, int]) -> None:
+    """Raise ValueError, naming the camera, for a focal length that no lens has: it is not in pixels."""
+    if 0 < K[0, 0] < _LEAST_FOCAL * size_px[0]:
+        raise ValueError(
+            f"camera {name}: a focal length of {K[0, 0]:g} for images {size_px[0]} px wide is not in pixels; in "
+            "millimetres, multiply it by the width in pixels and divide by that of the sensor"
+        )
+
+
 def metres_per_unit(unit: Unit) -> float | None:
     """None for auto. Raises ValueError unless it is a unit or a positive number of metres."""
     if unit == "auto":
@@ -93,6 +108,18 @@ def metres_per_unit(unit: Unit) -> float | None:
             f"unit must be auto, {', '.join(UNITS)}, or how many metres it is (0.054: squares of 54 mm), got {unit!r}"
         )
     return metres
+
+
+def unit_named(value: Any) -> str:
+    """The name of UNITS that a file means (``Millimetres``). Raises ValueError if it is none."""
+    text = str(value).strip().casefold()
+    for prefix, short in (("milli", "mm"), ("centi", "cm"), ("deci", "dm"), ("", "m")):
+        if text.removesuffix("s") in (f"{prefix}metre", f"{prefix}meter"):
+            return short
+    text = _OTHER_NAMES.get(text, text)
+    if text not in UNITS:
+        raise ValueError(f"the unit {reprlib.repr(value)} is none of {', '.join(UNITS)}")
+    return text
 
 
 def rig_in_metres(views: Sequence[CalibratedView], unit_of_format: UnitOfFormat, unit: Unit) -> CameraRig:

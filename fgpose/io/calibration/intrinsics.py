@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.geometry.intrinsics import is_of_another_size
+from fgpose.geometry.lens import without_unused
 from fgpose.io.arrays import array_names, read_arrays
 from fgpose.io.calibration import (
     biocv,
@@ -23,7 +25,7 @@ from fgpose.io.calibration import (
     toml_formats,
     xml_formats,
 )
-from fgpose.io.calibration.calibrated_view import CalibratedView, Intrinsics
+from fgpose.io.calibration.calibrated_view import CalibratedView, Intrinsics, check_focal
 from fgpose.io.content import read_content
 from fgpose.io.names import named_cameras, visible
 from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
@@ -54,7 +56,8 @@ def load_intrinsics(
             the file says.
 
     Warns:
-        UserWarning: images have another size than the intrinsics; it says what was assumed.
+        UserWarning: images have another size than the intrinsics, or the file says nothing of a distortion; it says
+            what was assumed.
 
     Raises:
         ValueError: the file is damaged, has no intrinsics or lacks a camera, or a size does not fit; the message names
@@ -63,7 +66,11 @@ def load_intrinsics(
     """
     path = Path(path)
     with naming(path):
-        known = _lenses(path)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            known = _lenses(path)
+        for warning in caught:
+            warnings.warn(f"{path}: {warning.message}", stacklevel=2)
         if len(known) == 1:
             of_camera = dict.fromkeys(camera_names, known[0])
         else:
@@ -83,7 +90,8 @@ def _camera(name: str, lens: Intrinsics, size_px: Size | None) -> Camera:
     size_px = lens.size_px or size_px
     if size_px is None:
         raise ValueError(f"camera {lens.name}: it does not say for images of which size it is; give it (--size)")
-    camera = Camera(name, size_px, lens.K, np.eye(4), lens.distortion, lens.lens)
+    check_focal(lens.name, lens.K, size_px)
+    camera = Camera(name, size_px, lens.K, np.eye(4), without_unused(lens.distortion), lens.lens)
     if lens.size_px is None and is_of_another_size(camera):
         x, y = camera.K[:2, 2]
         raise ValueError(
@@ -134,7 +142,7 @@ def _of_file(path: Path) -> list[Intrinsics]:
         return _without_poses(opencap.read(path))
     if path.suffix.lower() == biocv.EXTENSION:
         return _without_poses(biocv.read(path))
-    if start.startswith(b"{"):
+    if start.startswith((b"{", b"[{", b"[\n", b"[ ", b"[\r")):
         return documents.lenses(documents.json_document(start), path.stem)
     if start.startswith(b"%YAML") or path.suffix.lower() in (".yml", ".yaml"):
         document = opencv_yaml.yaml_document(path)
