@@ -80,8 +80,12 @@ def text_lines(content: bytes) -> Iterator[str]:
         yield line.removesuffix("\n")
 
 
-def parse_json(content: str | bytes) -> Any:
+def parse_json(content: str | bytes, *, distinct: bool = False) -> Any:
     """The document in a text as JSON.
+
+    Args:
+        content: the text.
+        distinct: whether no table may have a name twice; else the last counts.
 
     Raises:
         ValueError: it is damaged, nested too deeply, or would take too much memory; the caller names the file.
@@ -90,9 +94,17 @@ def parse_json(content: str | bytes) -> Any:
     n_bytes = _LIST_BYTES * encoded.count(b"[") + _TABLE_BYTES * encoded.count(b"{")
     check_expansion(n_bytes + _VALUE_BYTES * encoded.count(b","), len(encoded), MAX_JSON_EXPANSION)
     try:
-        return json.loads(content)
+        return json.loads(content, object_pairs_hook=_distinct if distinct else None)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"{next(name for name in names if names.count(name) > 1)} is in it twice")
+    return table
 
 
 def first_bytes(path: Path, n_bytes: int) -> bytes:

@@ -32,7 +32,7 @@ _JSON = (b"{", b"[{", b"[\n", b"[ ", b"[\r")  # a TOML file may begin with [tabl
 # Files of caliscope also hold all points that it saw.
 _FORMATS = (
     "Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, Vicon .xcp, intri.yml with extri.yml, OpenCap's "
-    "pickles, bioCV's .calib, JSON with K, dist, R, t and size, or npz of fgpose"
+    "pickles, bioCV's .calib, JSON or YAML with K, dist, R, t and size, or npz of fgpose"
 )
 
 
@@ -41,15 +41,15 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
 
     Pose2Sim, aniposelib and caliscope TOML, Qualisys ``.qca.txt``, Vicon ``.xcp``, EasyMocap / OpenCV FileStorage YAML
     (the folder with ``intri.yml`` and ``extri.yml``, or either file), OpenCap's ``cameraIntrinsicsExtrinsics.pickle``
-    (one, or the folder of all), bioCV's ``.calib``, JSON with K, dist, R, t and the image size of each camera, the npz
-    of save_rig, and the recording of a live system. All but the last two store world to camera. Other packages may add
-    formats (fgpose.io.formats).
+    (one, or the folder of all), bioCV's ``.calib``, JSON or YAML with K, dist, R, t and the image size of each camera,
+    the npz of save_rig, and the recording of a live system. All but the last two store world to camera. Other packages
+    may add formats (fgpose.io.formats).
 
     Args:
         path: the file, or the folder of the files of all cameras.
         unit: unit of the lengths in the file: m, dm, cm, mm, inch, ft, or how many metres a unit is, as the side of the
-            squares of a board (0.054). auto takes what the format prescribes; aniposelib and JSON prescribe none, there
-            the size of the rig tells.
+            squares of a board (0.054). auto takes what the format prescribes, or the file says (``"unit": "cm"``);
+            where neither does, as in files of aniposelib, the size of the rig tells.
 
     Warns:
         UserWarning: a camera is left out, or something of the file may be meant otherwise.
@@ -91,13 +91,20 @@ def _read(path: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
     if path.suffix.lower() == biocv.EXTENSION:
         return biocv.read(path), "mm"
     if start.startswith(_JSON):
-        return documents.read(start), "auto"
-    if start.startswith(b"%YAML"):
-        return opencv_yaml.read(path.parent), "m"
+        return documents.read(documents.json_document(start))
+    if start.startswith(b"%YAML") or path.suffix.lower() in (".yml", ".yaml"):
+        return _read_yaml(path)
     try:
         return toml_formats.read(start.decode("utf-8"))
     except UnicodeDecodeError:
-        raise ValueError(f"not a calibration; it should be {_FORMATS}") from None
+        raise ValueError(f"not a calibration, or not UTF-8; it should be {_FORMATS}") from None
+
+
+def _read_yaml(path: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
+    """EasyMocap's, or tables as in JSON."""
+    if path.stem in ("intri", "extri") or (path.parent / "intri.yml").is_file():
+        return opencv_yaml.read(path.parent), "m"
+    return documents.read(opencv_yaml.yaml_document(path))
 
 
 def _read_folder(folder: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
