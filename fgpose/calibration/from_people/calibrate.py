@@ -27,9 +27,10 @@ from fgpose.calibration.from_people.starts.together import together
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.verdict.alignment import aligned
+from fgpose.calibration.from_people.verdict.coverage import coverage
 from fgpose.calibration.from_people.verdict.inputs import gather
 from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, camera_sigmas
-from fgpose.calibration.from_people.verdict.verdict import findings
+from fgpose.calibration.from_people.verdict.verdict import findings, in_one_place
 from fgpose.calibration.from_people.walk import SHORT_S, Track, Walk
 from fgpose.calibration.from_people.world.metric import Metric, to_metric
 from fgpose.calibration.from_people.world.scale import MeasuredDistance, body_sigma, check_stature
@@ -261,7 +262,8 @@ def _judged(
         nothing = np.zeros(adjusted.rig.n_cameras)
         of_lenses = RigEstimate(adjusted.rig, focal_check.covariance, nothing, nothing).moved(metric.world_T_gauge)
     of_world = metric.scale.sigma, metric.vertical.sigma_deg, metric.floor_sigma_m
-    sigmas = camera_sigmas(whole, of_halves, *of_world, of_lenses)
+    one_place = in_one_place(coverage(walk, metric.rig, metric.joints_m))
+    sigmas = camera_sigmas(whole, of_halves, *of_world, of_lenses, one_place)
     doubtful = {finding.camera for finding in starts.findings}
     grounds = gather(
         first,

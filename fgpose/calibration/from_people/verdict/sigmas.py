@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.calibrated import CameraSigmas
@@ -82,7 +82,7 @@ class Variances:
     def plus(self, other: Variances) -> Variances:
         return Variances(**{name: own + getattr(other, name) for name, own in vars(self).items()})
 
-    def times(self, factor: float) -> Variances:
+    def times(self, factor: float | Float[np.ndarray, " camera"]) -> Variances:
         return Variances(**{name: factor * own for name, own in vars(self).items()})
 
     def inflated(self, expected: Variances, observed: Variances) -> Variances:
@@ -125,6 +125,7 @@ def camera_sigmas(
     vertical_deg: float,
     floor_m: float,
     of_lenses: RigEstimate | None = None,
+    unchecked: Bool[np.ndarray, " camera"] | None = None,
 ) -> CameraSigmas:
     """Standard deviations of the cameras about the centroid of the rig.
 
@@ -136,6 +137,7 @@ def camera_sigmas(
         vertical_deg: standard deviation of the vertical.
         floor_m: of the floor.
         of_lenses: the whole, with the errors that come of focal lengths that were given; None: there are none.
+        unchecked: cameras whose halves share their errors, so that they do not check each other; None: none.
     """
     variances = whole.variances()
     if halves is None:
@@ -145,6 +147,8 @@ def camera_sigmas(
         expected = first.variances().plus(second.variances())
         variances = variances.inflated(expected, disagreement(first.rig, second.rig))
         variances = variances.plus(beside_halves(whole.rig, (first.rig, second.rig)))
+        if unchecked is not None:
+            variances = variances.times(np.where(unchecked, _UNCHECKED, 1.0))
     if of_lenses is not None:
         variances = variances.plus(of_lenses.variances())
     return CameraSigmas(

@@ -56,7 +56,7 @@ def findings(inputs: VerdictInputs) -> tuple[CalibrationFinding, ...]:
         *moved_while_filming(names, inputs.moved),
         *moved_in_the_middle(inputs.midway),
         *worst_camera(names, inputs.third_view_mrad),
-        *twisted(names, inputs.cross_check_deg),
+        *twisted(names, inputs.cross_check_deg, sigmas.direction_deg),
         *halves_disagree(names, inputs.halves_deg, inputs.halves_m / distance_m),
         *uncertain(names, sigmas.direction_deg, sigmas.position_m / distance_m),
         *focal_undetermined(names, inputs.estimated_lenses, sigmas.focal, inputs.coverage.depth_ratio),
@@ -125,11 +125,26 @@ def moved_in_the_middle(midway: MovedMidway | None) -> list[CalibrationFinding]:
     return [CalibrationFinding("", Grade.COARSE, reason, remedy)]
 
 
-def twisted(names: Sequence[str], cross_check_deg: Float[np.ndarray, " camera"]) -> list[CalibrationFinding]:
-    """Views in which the network sees another pose than was reconstructed."""
+def twisted(
+    names: Sequence[str], cross_check_deg: Float[np.ndarray, " camera"], direction_deg: Float[np.ndarray, " camera"]
+) -> list[CalibrationFinding]:
+    """Views in which the network sees another pose than was reconstructed. Of a camera whose direction is not certain
+    either (standard deviations), as of one that shows a screen, two checks say the same, and it is failed."""
     reason = "its direction contradicts the 3D of its own images by {0:.0f} degrees"
-    remedy = "walk across its view and towards it, so that you are seen from several sides"
-    return _graded(names, cross_check_deg, _REFEREE_DEG, reason, remedy)
+    remedy = (
+        "walk across its view and towards it, so that you are seen from several sides; if it shows a screen, a picture "
+        "or a mirror instead, leave it out (--cameras)"
+    )
+    uncertain = dict(zip(names, (direction_deg > _SIGMA_DEG[0]).tolist(), strict=True))
+    return [
+        replace(finding, grade=Grade.FAILED) if uncertain[finding.camera] else finding
+        for finding in _graded(names, cross_check_deg, _REFEREE_DEG, reason, remedy)
+    ]
+
+
+def in_one_place(coverage: Coverage) -> Bool[np.ndarray, " camera"]:
+    """Cameras that saw the person in one place only: both halves of a recording share their errors there."""
+    return ~(coverage.along_m >= _LEAST_ALONG_M)
 
 
 def halves_disagree(

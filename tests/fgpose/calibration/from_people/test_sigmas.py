@@ -60,6 +60,17 @@ def test_what_the_halves_do_not_show_is_not_inflated() -> None:
     assert (same.scale, same.vertical_deg, same.floor_m) == (0.01, 0.5, 0.02)
 
 
+def test_halves_that_share_their_errors_check_nothing() -> None:
+    """Of somebody who stays in one place."""
+    stated = RigEstimate(RIG, covariance_of(), NONE, NONE)
+    one_place = np.arange(RIG.n_cameras) == 1
+    same = camera_sigmas(stated, (stated, stated), 0.01, 0.5, 0.02)
+    unchecked = camera_sigmas(stated, (stated, stated), 0.01, 0.5, 0.02, None, one_place)
+    as_without_halves = camera_sigmas(stated, None, 0.01, 0.5, 0.02)
+    assert unchecked.direction_deg[1] == pytest.approx(as_without_halves.direction_deg[1])
+    assert unchecked.direction_deg[~one_place] == pytest.approx(same.direction_deg[~one_place])
+
+
 def test_the_gauge_of_the_halves_does_not_matter() -> None:
     rng = np.random.default_rng(1)
     whole, first, second = (estimate(rng, covariance_of(), 5.0) for _ in range(3))

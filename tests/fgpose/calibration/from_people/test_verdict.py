@@ -125,9 +125,18 @@ def test_a_camera_that_nobody_can_judge_is_coarse() -> None:
 
 
 def test_two_grades_of_a_twist() -> None:
-    graded = {finding.camera: finding.grade for finding in twisted(NAMES, each(10, 18, 50))}
+    graded = {finding.camera: finding.grade for finding in twisted(NAMES, each(10, 18, 50), each(1, 1, 1))}
     assert graded == {"b": Grade.COARSE, "c": Grade.FAILED}
-    assert not twisted(NAMES, each(np.nan, np.nan, np.nan))  # no 3D
+    assert not twisted(NAMES, each(np.nan, np.nan, np.nan), each(1, 1, 1))  # no 3D
+
+
+def test_a_camera_whose_3d_contradicts_a_direction_that_is_not_certain_is_failed() -> None:
+    """A screen in its view, with the walker as another camera sees them: 21 and 1.8 degrees, 30 degrees off."""
+    (finding,) = twisted(NAMES, each(21, 2, 2), each(1.8, 1.7, 1.9))
+    assert (finding.camera, finding.grade) == ("a", Grade.FAILED)
+    assert "screen" in finding.remedy
+    (finding,) = twisted(NAMES, each(21, 2, 2), each(1.4, 1.7, 1.9))
+    assert finding.grade is Grade.COARSE
 
 
 def test_rotation_and_place_are_one_finding_a_camera() -> None:
