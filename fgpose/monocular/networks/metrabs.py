@@ -35,6 +35,7 @@ _GAMMA = 2.2
 _GAMMAS = (0.6, 1.0)
 _MAX_ANGLE_RAD = np.deg2rad(25.0)
 _SCALES = (0.8, 1.0, 1.1)
+_NEAREST_MM = 50.0  # no lens shows a person who is nearer; as metres it is a hall
 _PYRAMID_LEVELS = 3  # more would only help people who are more than four times as large as the crop
 _CAMERA_UP = (0.0, -1.0, 0.0)  # y points down in the image
 _MAX_ROUND_TRIP_PX = 1.0  # as in geometry/camera.py
@@ -296,8 +297,15 @@ class _CropModel:
     def joints_mm(
         self, crops: Float32[np.ndarray, "crop side side 3"], K: Float[np.ndarray, "crop 3 3"]
     ) -> Float[np.ndarray, "crop joint 3"]:
-        """In the frames of the cameras of the crops, one at least."""
-        return self._batches.run(self._feeds(crops, K))[0].astype(float)
+        """In the frames of the cameras of the crops, one at least. Raises ValueError if they are metres."""
+        answers_mm = self._batches.run(self._feeds(crops, K))[0].astype(float)
+        away_mm = float(np.median(np.linalg.norm(answers_mm, axis=-1)))
+        if 0 < away_mm < _NEAREST_MM:
+            raise ValueError(
+                f"{self._path} gives joints that are {away_mm:.3g} mm away: it seems to give metres; MeTRAbs gives "
+                "millimetres, so let the network multiply its joints by 1000"
+            )
+        return answers_mm
 
     def _feeds(self, crops: np.ndarray, K: np.ndarray) -> dict[str, np.ndarray]:
         values = {4: crops.transpose(0, 3, 1, 2) if self._channels_first else crops, 3: K}

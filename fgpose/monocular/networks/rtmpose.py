@@ -118,6 +118,10 @@ class SimccNetwork:
         expected: dict[str, Shape] = {"input": (1, 3, *shape[2:])}
         histograms: dict[str, Shape] = dict.fromkeys(self._axes, (1, None, None))
         check_signature(self._session, self._path, by_order(inputs, expected), by_order(outputs, histograms))
+        names = [node.name for node in outputs]
+        if names[0].casefold().endswith("y") and names[1].casefold().endswith("x"):
+            # Of square crops nothing else would show it.
+            raise ValueError(f"{self._path} gives {', '.join(names)} in this order: export it with x before y")
         height, width = shape[2:]
         if not isinstance(width, int) or not isinstance(height, int):
             raise ValueError(f"{self._path}: the size of the input is not in the file; export it with a fixed one")

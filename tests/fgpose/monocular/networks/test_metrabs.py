@@ -98,6 +98,14 @@ def box_around(points_px: np.ndarray, margin_px: float = 90) -> tuple[float, ...
     return *low.tolist(), *(high - low).tolist(), 0.9
 
 
+def test_a_network_that_answers_in_metres_is_refused(tmp_path: Path):
+    points3d_m = body(0.0, 0.0, 3.5)
+    image, points_px = picture(points3d_m)
+    network = MeTRAbs(crop_model(tmp_path / "crop.onnx", points3d_m / 1000), Boxes([box_around(points_px)]), SKELETON)
+    with pytest.raises(ValueError, match=r"crop\.onnx gives joints that are 3\.\d+ mm away: it seems to give metres"):
+        network.tracker(CAMERA).detect(image)
+
+
 @pytest.mark.parametrize("root_m", [(0.0, 0.0, 3.5), (-1.2, 0.5, 3.5), (1.4, -0.4, 4.5)])
 @pytest.mark.parametrize("num_aug", [1, 5])
 def test_absolute_joints_wherever_the_person_stands(tmp_path: Path, root_m: tuple[float, float, float], num_aug: int):

@@ -109,3 +109,10 @@ def test_a_file_of_another_network_is_refused_with_what_is_expected_and_found(tm
 def test_the_names_in_the_file_and_a_fixed_batch_do_not_matter(tmp_path: Path):
     path = tiny.simcc(tmp_path / "simcc.onnx", batch=1, names=("image", "output", "1554"))
     assert SimccNetwork(path, AXES).n_keypoints == 17
+
+
+def test_y_before_x_is_refused(tmp_path: Path):
+    """Square crops have as many bins of each."""
+    names = ("input", "simcc_y", "simcc_x")
+    with pytest.raises(ValueError, match=r"sw\.onnx gives simcc_y, simcc_x in this order: export it with x before y"):
+        SimccNetwork(tiny.simcc(tmp_path / "sw.onnx", size=(256, 256), names=names), AXES)
