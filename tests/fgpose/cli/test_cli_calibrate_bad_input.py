@@ -97,7 +97,7 @@ def test_intrinsics_that_do_not_fit(
     (tmp_path / "truncated.toml").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "empty.toml").touch()
     (tmp_path / "photo.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(64))
-    (tmp_path / "of_720p.yml").write_text("camera_matrix: [[1000, 0, 640], [0, 1000, 360], [0, 0, 1]]")
+    (tmp_path / "of_720p.yml").write_text("camera_matrix: [[1000, 0, 640], [0, 1000, 360], [0, 0, 1]]\ndist: []")
     arguments = ["--size", "1920x1080", "--intrinsics", str(tmp_path / name), "-o", str(tmp_path / "rig.toml")]
     assert message in failure([*source, *arguments], capsys)
     assert chain.given == {}
