@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 
@@ -9,7 +12,8 @@ from fgpose.config import Config
 from fgpose.estimation.evidence.image_checks.checks import ImageChecks
 from fgpose.estimation.evidence.image_checks.left_out import left_out_px, showing_left_out
 from fgpose.estimation.evidence.plausibility import without_clipped
-from fgpose.estimation.online.arrivals import Ahead, Turns, check_frame, check_later, one_frame, one_image
+from fgpose.estimation.online.arrivals import Turns, check_frame, check_later, one_frame, one_image
+from fgpose.estimation.online.clock_jumps import SET_BACK, Ahead, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.one_moment import OneMoment
 from fgpose.estimation.parts.online import HungPart, of_whole_body
@@ -34,6 +38,11 @@ class Estimator:
 
     Hands and face (Skeleton.parts) are estimated by themselves, where they hang on the body.
 
+    A frame that is more than a minute later than all before is refused until the next one is later still: its stamp may
+    be wrong. After ten that are more than a minute older the clock was set back: with a warning, all begins anew but
+    bone lengths and time offsets. A recording whose times are known to be right, and which pauses for more than a
+    minute, is taken with times_are_checked.
+
     With online.solver "window" it can be pickled and copied, to be continued elsewhere. With "isam2" it cannot: GTSAM's
     smoother has no serialisation. Start a new one and feed it the last few seconds again; it settles within a second.
     """
@@ -44,6 +53,8 @@ class Estimator:
         skeleton: Skeleton | str,
         config: Config | None = None,
         offsets: RunningOffsets | None = None,
+        *,
+        times_are_checked: bool = False,
     ) -> None:
         refuse_changing(rig)
         warn_far_apart(rig)
@@ -51,7 +62,8 @@ class Estimator:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         body = skeleton.of_joints(skeleton.body) if skeleton.parts else skeleton
         self._body = PartEstimator(rig, body, self.config, offsets)
-        self._turns, self._ahead, self._one_moment = Turns(), Ahead(rig.names), OneMoment(rig.names)
+        self._turns, self._one_moment = Turns(), OneMoment(rig.names)
+        self._ahead, self._set_back = (None, None) if times_are_checked else (Ahead(rig.names), SetBack())
         self._checks = ImageChecks.none(rig.n_cameras, skeleton)
         self._left_out_px = np.full((rig.n_cameras, skeleton.n_joints, 2), np.nan)  # of the newest frame
         self._parts = [HungPart(part, skeleton, rig, self.config, self._body.offsets) for part in skeleton.parts]
@@ -109,11 +121,13 @@ class Estimator:
 
         Raises:
             ValueError: there is more than one frame, a camera is not in the rig, the skeleton differs, or time does
-                not increase (TooLateError: a repeated or older frame); or none of the first frames makes a body: the
-                calibration is in millimetres. The estimator is then as it was before.
+                not increase (TooLateError: a repeated or older frame) or is more than a minute after all before and
+                not confirmed by the next frame yet; or none of the first frames makes a body: the calibration is in
+                millimetres. The estimator is then as it was before.
 
         Warns:
-            UserWarning: images of a camera are left out, as they were taken far from the others.
+            UserWarning: images of a camera are left out, as they were taken far from the others; or the clock was set
+                back.
         """
         check_frame(frame, self.skeleton)
         seen = frame.with_cameras(self.rig.names)
@@ -121,6 +135,8 @@ class Estimator:
         if frame.n_cameras < self.rig.n_cameras:
             taken_s = np.where(np.isin(self.rig.names, frame.camera_names), taken_s, np.nan)
         seen, taken_s = self._one_moment.of(seen, taken_s, self._body.usual_step_s)
+        if self._is_set_back(float(seen.frame_time_s[0])):
+            return self._begun_anew(lambda anew: anew.update(frame))
         check_later(seen, self._body.newest_s)
         shows = seen.seen[0].any(axis=1)
         taken_s = self._turns.taken_s(shows, taken_s)
@@ -172,11 +188,16 @@ class Estimator:
             ValueError: the camera is not in the rig, its image was there before, no frame of the window can take it
                 (TooLateError), it is a minute or more after all others and no other camera has an image of that time
                 yet, or the arrays are not as they should be. The estimator is then as it was before.
+
+        Warns:
+            UserWarning: the clock was set back.
         """
         if camera not in self.rig.names:
             raise ValueError(f"the rig has no camera {camera!r}; it has {', '.join(self.rig.names)}")
         arrays = points2d_px, confidence, points3d_m, covariance3d_m2
         image = one_image(self.skeleton, time_s, camera, arrays).with_cameras(self.rig.names)
+        if self._is_set_back(float(image.frame_time_s[0])):
+            return self._begun_anew(lambda anew: anew.update_camera(camera, time_s, *arrays))
         return self._take(image, np.where(np.array(self.rig.names) == camera, time_s, np.nan))
 
     def tidy(self) -> None:
@@ -187,10 +208,26 @@ class Estimator:
         for each in self._parts:
             each.estimator.tidy()
 
+    def _is_set_back(self, time_s: float) -> bool:
+        return self._set_back is not None and self._set_back.is_seen(time_s, self._body.newest_s)
+
+    def _begun_anew(self, take: Callable[[Estimator], Estimate]) -> Estimate:
+        """After the clock was set back. Raises what the new estimator does; this one is then as it was before."""
+        before = self.newest
+        assert before is not None
+        anew = Estimator(self.rig, self.skeleton, self.config, self._body.offsets)
+        if before.bone_lengths is not None:
+            anew.know(before.bone_lengths)
+        estimate = take(anew)
+        warnings.warn(SET_BACK.format(by_s=before.time_s - estimate.time_s), UserWarning, stacklevel=3)
+        vars(self).update(vars(anew))
+        return estimate
+
     def _take(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         """Images of all cameras. Raises ValueError as update and update_camera."""
         before_s = self._body.newest_s
-        self._ahead.check(taken_s, before_s)
+        if self._ahead is not None:
+            self._ahead.check(taken_s, before_s)
         of_person, checks = self._checks.checked(images, self._body.expected_m, self.rig)
         estimate = self._estimate(of_person, taken_s)
         self._checks = checks

@@ -82,7 +82,7 @@ class _OfOne:
 
     def __init__(self, source: Source[Observations], config: Config) -> None:
         self._observations, self._rig, self._evidence = source.observations, source.rig, source.evidence(config)
-        self._estimator = Estimator(self._rig, self._observations.skeleton, config)
+        self._estimator = Estimator(self._rig, self._observations.skeleton, config, times_are_checked=True)
         if source.bones is not None:
             self._estimator.know(source.bones)
 

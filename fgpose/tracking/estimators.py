@@ -58,7 +58,7 @@ class Estimators:
             estimator.tidy()
 
     def _new(self) -> Estimator:
-        return Estimator(self._rig, self._skeleton, self._config, self.offsets)
+        return Estimator(self._rig, self._skeleton, self._config, self.offsets, times_are_checked=True)
 
 
 def load_libraries() -> None:

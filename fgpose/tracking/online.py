@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 
 import numpy as np
 
+from fgpose.association.appearance import Resemblance
 from fgpose.association.follow import Follower
 from fgpose.association.track import Track, Tracked, TrackEvent
 from fgpose.config import Config
-from fgpose.estimation.online.arrivals import ENOUGH_OF_ONE, FAR_S
+from fgpose.estimation.online.clock_jumps import ENOUGH_OF_ONE, FAR_S, SET_BACK, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.one_moment import OneMoment, taken_together
 from fgpose.geometry.camera import CameraRig
@@ -64,6 +65,7 @@ class Tracker:
         self._waiting: list[Detections] = []
         """Images that are far later than all before."""
         self._image_s: dict[str, float] = {}
+        self._set_back = SetBack()
         self._pace, self._one_moment = Pace(), OneMoment(rig.names)
         self._told_of: set[str] = set()
         """Cameras whose images are not used, which was said."""
@@ -99,7 +101,9 @@ class Tracker:
         Images of different cameras that are given together make one frame, each at its own time: one update of each
         estimator. An image that is given alone joins the frame of those before it, as Estimator.update_camera says,
         which costs an update of its own. One that is more than a minute later than all before waits until another
-        camera says so too: its clock may be wrong.
+        camera says so too in an update of its own, for images that are given together may share a wrong stamp. After
+        ten updates with nothing but images that are more than a minute older the clock was set back: nobody is followed
+        or recognised any more, and people get new numbers.
 
         Returns:
             Everybody at the time of the newest image that was used.
@@ -113,7 +117,7 @@ class Tracker:
         Warns:
             UserWarning: a process of estimators ended or did not answer; the estimates of its people begin anew. Images
                 of a camera are left out, as they are far later than all others, or were taken far from those given with
-                them (OneMoment); or times are not in seconds.
+                them (OneMoment); the clock was set back; or times are not in seconds.
         """
         taken = self._taken(images)
         if not images:
@@ -169,8 +173,14 @@ class Tracker:
                     f"{image}: {image.points2d_px.shape[1]} joints, skeleton {self.skeleton.name} has "
                     f"{self.skeleton.n_joints}"
                 )
-        given = [*self._waiting, *images]
-        believed, waiting = _believed(images, self._waiting, newest, self.rig.n_cameras)
+        given, waiting = [*self._waiting, *images], self._waiting
+        newest_s, last_s = (
+            max(newest.values(), default=-np.inf),
+            max((image.time_s for image in images), default=np.inf),
+        )
+        if is_set_back := self._set_back.is_seen(last_s, newest_s):
+            newest, waiting = {}, []
+        believed, waiting = _believed(images, waiting, newest, self.rig.n_cameras)
         images = [image for moment in _moments(believed) for image in self._taken_together(moment)]
         for image in sorted(images, key=lambda image: image.time_s):
             if image.time_s <= newest.get(image.camera, -np.inf):
@@ -192,6 +202,8 @@ class Tracker:
                 has_covariance = image.covariance3d_m2 is not None
         with_appearance = [*self._with_appearance, *(image for image in images if image.appearance is not None)]
         refuse_mixed_appearance(with_appearance)
+        if is_set_back:
+            self._begin_anew(last_s, newest_s - last_s)
         for camera, time_s in newest.items():
             if time_s > self._image_s.get(camera, np.inf):
                 self._pace.add(time_s - self._image_s[camera])
@@ -199,6 +211,18 @@ class Tracker:
         self._has_covariance, self._waiting = has_covariance, waiting
         self._warn_of_unused(given, {image.camera for image in (*believed, *waiting)})
         return images
+
+    def _begin_anew(self, time_s: float, by_s: float) -> None:
+        """At this time of a clock that was set back."""
+        warnings.warn(SET_BACK.format(by_s=by_s), UserWarning, stacklevel=4)
+        self._estimators.update({})
+        before, self._follower = self._follower, Follower(self._follower.rig, self.skeleton, self.config.tracking)
+        self._follower.go_on(before.n_people, {}, Resemblance())
+        people = sorted(track.person for track in before.tracks if track.is_confirmed)
+        ended = (TrackEvent(time_s, person, "lost", "the clock was set back") for person in people)
+        self._follower.events = [*before.events, *ended]
+        self._bones, self._set_back, self._image_s = KnownBones(), SetBack(), {}
+        self._offsets_applied_s = -np.inf
 
     def _taken_together(self, images: list[Detections]) -> list[Detections]:
         """Without those that were taken far from the others."""
@@ -277,7 +301,8 @@ def _believed(
 ) -> tuple[list[Detections], list[Detections]]:
     """Those that are to be used now, and those that wait: images that are far later than all before, for all others
     would be too old for one wrong stamp. They are used when an image of another camera is of about their time, and
-    dropped when one of the former time comes.
+    dropped when one of the former time comes. Images that are given together may share a wrong stamp: they are used
+    when those of a later update are of about that time, or later still.
 
     Args:
         images: the newest.
@@ -290,11 +315,15 @@ def _believed(
     far_s = max(newest_s.values(), default=first_s) + FAR_S
     used = [image for image in images if image.time_s <= far_s]
     ahead = [image for image in images if image.time_s > far_s]
-    together = [*waiting, *ahead]
+    together, n_agreeing = [*waiting, *ahead], min(2, n_cameras)
     for image in ahead:
         near = [each for each in together if abs(each.time_s - image.time_s) <= FAR_S]
-        if len({each.camera for each in near}) >= min(2, n_cameras) or len(near) >= ENOUGH_OF_ONE:
+        is_later = any(each.time_s < image.time_s or each.camera != image.camera for each in waiting if each in near)
+        if is_later and (len({each.camera for each in near}) >= n_agreeing or len(near) >= ENOUGH_OF_ONE):
             return [*used, *near], []
+    earlier = [each for each in waiting if each.time_s < min((image.time_s for image in ahead), default=-np.inf)]
+    if min(len({each.camera for each in images}) for images in (earlier, ahead)) >= n_agreeing:
+        return [*used, *together], []
     return used, [] if used else together[-ENOUGH_OF_ONE * len(newest_s) :]
 
 

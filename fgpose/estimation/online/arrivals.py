@@ -20,10 +20,6 @@ _NEW_FRAME_STEPS = 0.9
 _SLOWEST_STEP_S = 1.0
 # So many frames tell that cameras take turns.
 _TURNS = 12
-FAR_S = 60.0
-"""Of an image after all others: nobody who was followed is still there, and no camera is so slow."""
-ENOUGH_OF_ONE = 10
-"""Where the other cameras give no images, so many of one that is far ahead are believed."""
 
 
 class TooLateError(ValueError):
@@ -126,31 +122,6 @@ class Turns:
             self._alone.clear()
         elif shows.any():
             self._alone.append(int(np.argmax(shows)))
-
-
-class Ahead:
-    """Images of one camera that are far later than all before. For one wrong stamp all others would be too late: it is
-    believed when one of another camera is of about that time."""
-
-    def __init__(self, camera_names: tuple[str, ...]) -> None:
-        self._names = camera_names
-        self._waiting: deque[tuple[int, float]] = deque(maxlen=ENOUGH_OF_ONE)
-
-    def check(self, taken_s: Float[np.ndarray, " camera"], newest_s: float) -> None:
-        """Of images at these times (NaN: there is none), after a frame of another; -inf: none. Raises ValueError where
-        it is not believed yet."""
-        (cameras,) = np.nonzero(np.isfinite(taken_s))
-        if len(cameras) != 1 or len(self._names) == 1 or not taken_s[cameras[0]] > newest_s + FAR_S > -np.inf:
-            self._waiting.clear()
-            return
-        camera, time_s = int(cameras[0]), float(taken_s[cameras[0]])
-        self._waiting.append((camera, time_s))
-        near = [each for each, other_s in self._waiting if abs(other_s - time_s) <= FAR_S]
-        if len(set(near)) == 1 and len(near) < ENOUGH_OF_ONE:
-            raise ValueError(
-                f"camera {self._names[camera]}: its image at {time_s:.13g} s is {time_s - newest_s:.6g} s after all "
-                "before; it was not used, and is believed when another camera has one of that time"
-            )
 
 
 def with_image(frame: Observations, image: Observations, of_image: Bool[np.ndarray, " camera"]) -> Observations:

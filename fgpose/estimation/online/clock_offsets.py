@@ -111,11 +111,12 @@ class RunningOffsets:
         )
         told = OffsetEvidence(information, information @ rig.time_offsets_s - gradient)
         told = told.faded(1.0 / float(correlated_frames(step_s, CORRELATION_S)))
-        if time_s >= self._second_since_s + _SECOND_S:
+        if abs(time_s - self._second_since_s) >= _SECOND_S:  # a clock may be set back
             self._seconds.append(self._of_second)
             self._scatter = _scatter(self._seconds)
             self._second_since_s, self._of_second = time_s, OffsetEvidence.nothing(rig.n_cameras)
-        passed_s, self._newest_s = max(time_s - self._newest_s, 0.0), max(time_s, self._newest_s)
+        passed_s = max(time_s - self._newest_s, 0.0)
+        self._newest_s = max(time_s, min(self._newest_s, time_s + _SECOND_S))
         kept = self._told.faded(float(np.exp(-passed_s / self._config.calibration.offset_memory_s)))
         self._told, self._of_second = kept + told, self._of_second + told
 

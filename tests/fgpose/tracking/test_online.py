@@ -175,6 +175,34 @@ def test_a_camera_with_another_clock_is_left_out_from_the_beginning(scene: Crowd
     assert message.startswith("camera ring_1, image at 1700000000 s: more than a minute later")
 
 
+def test_images_given_together_do_not_confirm_their_common_stamp(scene: CrowdScene):
+    tracker, other = (fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST) for _ in range(2))
+    for images in moments(scene)[:12]:
+        tracker.update(images)
+        other.update(images)
+    tracker.update([replace(image, time_s=1.7e9) for image in moments(scene)[12]])
+    for images in moments(scene)[13:15]:
+        people, others = tracker.update(images), other.update(images)
+        assert len(people) == 2
+        for ours, theirs in zip(people, others, strict=True):
+            np.testing.assert_array_equal(ours.estimate.positions_m, theirs.estimate.positions_m)
+
+
+def test_after_the_clock_was_set_back_people_are_found_anew(scene: CrowdScene):
+    tracker = fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST)
+    for images in moments(scene)[:12]:
+        tracker.update(images)
+    tracker.events()
+    back = [[replace(each, time_s=each.time_s - 3600.0) for each in images] for images in moments(scene)[12:32]]
+    for images in back[:9]:
+        with pytest.raises(ValueError, match="not later than the camera's image before"):
+            tracker.update(images)
+    people, told = updated(tracker, back[9:])
+    assert sorted(each.person for each in people) == [2, 3]
+    assert [message[:22] for message in told] == ["the clock was set back"]
+    assert [(each.what, each.person) for each in tracker.events()][:2] == [("lost", 0), ("lost", 1)]
+
+
 @pytest.mark.parametrize(("unit", "words"), [(1e3, "milliseconds"), (1e9, "nanoseconds")])
 def test_times_in_another_unit_are_said(scene: CrowdScene, unit: float, words: str):
     slow = [[replace(each, time_s=unit * each.time_s) for each in images] for images in moments(scene)[:14]]
