@@ -44,6 +44,7 @@ FLOORS = (
         "plain_files",
         "config",
         "correspondences",
+        "exclusive",
         "extensions",
         "finding",
         "freed_memory",

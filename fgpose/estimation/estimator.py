@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Callable
 
@@ -19,6 +20,7 @@ from fgpose.estimation.online.one_moment import OneMoment
 from fgpose.estimation.parts.online import HungPart, of_whole_body
 from fgpose.estimation.parts.part_estimator import PartEstimator
 from fgpose.estimation.parts.whole import of_part
+from fgpose.exclusive import Exclusive, exclusive
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing, warn_far_apart
 from fgpose.io.skeletons import as_skeleton
@@ -27,7 +29,7 @@ from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.trajectory import Estimate
 
 
-class Estimator:
+class Estimator(Exclusive):
     """The pose of one person, live: each update takes the newest frame and returns the pose at its time, which is the
     mean time at which the cameras took it: time stamps, and the mean time offset of the rig.
 
@@ -45,6 +47,8 @@ class Estimator:
 
     With online.solver "window" it can be pickled and copied, to be continued elsewhere. With "isam2" it cannot: GTSAM's
     smoother has no serialisation. Start a new one and feed it the last few seconds again; it settles within a second.
+
+    Several threads may use it, as those of the callbacks of several cameras: one waits for the other.
     """
 
     def __init__(
@@ -56,6 +60,7 @@ class Estimator:
         *,
         times_are_checked: bool = False,
     ) -> None:
+        super().__init__()
         refuse_changing(rig)
         warn_far_apart(rig)
         skeleton = as_skeleton(skeleton)
@@ -74,14 +79,20 @@ class Estimator:
                 "this Estimator cannot be saved: GTSAM's iSAM2 has no serialisation. Choose online.solver = "
                 '"window", or start a new one and feed it the last few seconds again.'
             )
-        return self.__dict__
+        return super().__getstate__()
+
+    def __copy__(self) -> Estimator:
+        """As copy.deepcopy: two that share a window would ruin it."""
+        return copy.deepcopy(self)
 
     @property
+    @exclusive
     def rig_with_offsets(self) -> CameraRig:
         """The rig with the time offsets learned so far; as it was given unless online.estimate_time_offsets."""
         return self._body.rig_with_offsets
 
     @property
+    @exclusive
     def newest(self) -> Estimate | None:
         """The pose of the newest frame, as the last update gave it; None: there was none."""
         of_body = self._body.newest
@@ -101,6 +112,7 @@ class Estimator:
         """How often GTSAM failed and the window was eliminated anew; updates are slower for a while after that."""
         return self._body.repairs + sum(each.estimator.repairs for each in self._parts)
 
+    @exclusive
     def know(self, lengths: BoneLengths) -> None:
         """Expect the bones of somebody who is known: Trajectory.bones or Estimate.bone_lengths of before, or measured.
         Until they have left, for who comes then may be somebody else; or until it is seen that they are somebody else's
@@ -110,6 +122,7 @@ class Estimator:
         for estimator in (self._body, *(each.estimator for each in self._parts)):
             estimator.know(of_part(lengths, self.skeleton, estimator.skeleton))
 
+    @exclusive
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
 
@@ -167,6 +180,7 @@ class Estimator:
         arrays = points2d_px, confidence, points3d_m, covariance3d_m2
         return self.update(one_frame(self.skeleton, time_s, self.rig.names, arrays))
 
+    @exclusive
     def update_camera(
         self,
         camera: str,
@@ -200,6 +214,7 @@ class Estimator:
             return self._begun_anew(lambda anew: anew.update_camera(camera, time_s, *arrays))
         return self._take(image, np.where(np.array(self.rig.names) == camera, time_s, np.nan))
 
+    @exclusive
     def tidy(self) -> None:
         """Do what the next update would do first: learn from the newest frame, and revise the frames before. To be
         called in the time until the next images come, which are estimated sooner then. Images that join the newest
@@ -219,8 +234,8 @@ class Estimator:
         if before.bone_lengths is not None:
             anew.know(before.bone_lengths)
         estimate = take(anew)
-        warnings.warn(SET_BACK.format(by_s=before.time_s - estimate.time_s), UserWarning, stacklevel=3)
-        vars(self).update(vars(anew))
+        warnings.warn(SET_BACK.format(by_s=before.time_s - estimate.time_s), UserWarning, stacklevel=4)
+        vars(self).update({**vars(anew), "_lock": self._lock})
         return estimate
 
     def _take(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:

@@ -14,6 +14,7 @@ from fgpose.config import Config
 from fgpose.estimation.online.clock_jumps import ENOUGH_OF_ONE, FAR_S, SET_BACK, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.one_moment import OneMoment, taken_together
+from fgpose.exclusive import Exclusive, exclusive
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.io.skeletons import as_skeleton
@@ -31,13 +32,13 @@ _APPLY_OFFSETS_S = 0.5
 _MOST_EVENTS = 1000  # of hours, for those who never ask
 
 
-class Tracker:
+class Tracker(Exclusive):
     """Everybody in the room, live: each update takes the newest images and returns the people at their time.
 
     An Estimator of each person who is confirmed gets the detections that are theirs. Time and memory grow with the
     people in the room, not with how long it runs. The estimators share tracking.max_processes processes, which end with
     the tracker: when it is closed, or left as a context. With online.estimate_time_offsets the motion of all people
-    together tells how late each camera is (offsets).
+    together tells how late each camera is (offsets). Several threads may use it: one waits for the other.
 
     Args:
         rig, skeleton: of the images; a skeleton may be given by its name.
@@ -56,6 +57,7 @@ class Tracker:
         answers_within_s: float = ANSWERS_WITHIN_S,
         memory: TrackerMemory | None = None,
     ) -> None:
+        super().__init__()
         skeleton = as_skeleton(skeleton)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._follower = Follower(rig, skeleton, self.config.tracking)
@@ -83,6 +85,7 @@ class Tracker:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @exclusive
     def close(self) -> None:
         """End the other processes. Closing again does nothing."""
         self._estimators.close()
@@ -95,6 +98,7 @@ class Tracker:
         """
         self._estimators.await_ready()
 
+    @exclusive
     def update(self, images: Sequence[Detections]) -> list[Tracked]:
         """Take the newest images: of all cameras or some, of one moment or one after another.
 
@@ -137,11 +141,13 @@ class Tracker:
         """What is known of the cameras' clocks beyond the rig; its sigma_s may be set at any time."""
         return self._estimators.offsets
 
+    @exclusive
     def memory(self) -> TrackerMemory | None:
         """For a tracker that goes on later, see save_memory; None before the first image."""
         known = self._follower, self._bones, self.offsets
         return memory_of(*known, max(self._image_s.values())) if self._image_s else None
 
+    @exclusive
     def look(self) -> None:
         """Replace processes that have ended, as each update does: for where no image comes.
 
@@ -153,10 +159,12 @@ class Tracker:
         """
         self._estimators.look()
 
+    @exclusive
     def tidy(self) -> None:
         """Let the estimators do what the next update would do first, see Estimator.tidy."""
         self._estimators.tidy()
 
+    @exclusive
     def events(self) -> list[TrackEvent]:
         """What has happened to tracks since this was last asked, in the order of time; the last 1,000 at most."""
         events, self._follower.events = self._follower.events, []
@@ -214,7 +222,7 @@ class Tracker:
 
     def _begin_anew(self, time_s: float, by_s: float) -> None:
         """At this time of a clock that was set back."""
-        warnings.warn(SET_BACK.format(by_s=by_s), UserWarning, stacklevel=4)
+        warnings.warn(SET_BACK.format(by_s=by_s), UserWarning, stacklevel=5)
         self._estimators.update({})
         before, self._follower = self._follower, Follower(self._follower.rig, self.skeleton, self.config.tracking)
         self._follower.go_on(before.n_people, {}, Resemblance())
@@ -241,7 +249,7 @@ class Tracker:
                     f"{image}: more than a minute later than those of all others, and not used. Is the clock of "
                     f"{image.camera} another one?",
                     UserWarning,
-                    stacklevel=4,
+                    stacklevel=5,
                 )
 
     def _update(self, images: list[Detections]) -> list[Tracked]:

@@ -61,5 +61,5 @@ class OneMoment:
                     f"{'after' if by_s > 0 else 'before'} the others, and are left out, as the motion in between is "
                     "not known. Is its clock wrong, or were images put together that are not of one moment?",
                     UserWarning,
-                    stacklevel=5,
+                    stacklevel=6,
                 )
