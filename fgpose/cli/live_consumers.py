@@ -150,7 +150,8 @@ class Consumers:
             self._add(stack, open_zmq_output(options.zmq, host=options.host, tell=tell, parts=parts))
             console.print(f"publishing over ZeroMQ at tcp://{options.host}:{options.zmq}")
         if options.lsl:
-            self._add(stack, open_lsl_output(skeleton, n_slots=options.lsl, tell=tell, parts=parts))
+            lsl = open_lsl_output(skeleton, now_s=self.clock.now_s, n_slots=options.lsl, tell=tell, parts=parts)
+            self._add(stack, lsl)
             console.print(f"publishing {options.lsl} people over the Lab Streaming Layer")
         if options.mcap is not None:
             self._add(stack, open_mcap_output(options.mcap, tell=tell, parts=parts))

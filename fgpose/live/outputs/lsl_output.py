@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -116,24 +115,24 @@ def _pylsl() -> Any:
 def open_lsl_output(
     skeleton: Skeleton,
     *,
+    now_s: Callable[[], float],
     n_slots: int = 2,
     name: str = "fgpose",
     on_network: bool = False,
-    now_s: Callable[[], float] = time.time,
     tell: Callable[[str], None] | None = None,
     parts: Parts | None = None,
 ) -> BackgroundOutput:
     """Frames as MoCap streams ``fgpose 0``, ``fgpose 1``, ...: of each joint the position in metres and, as Confidence,
-    the probability that a camera sees it. Samples are stamped with the time when the images were taken. NaN: nobody is
-    in this slot.
+    the probability that a camera sees it. Samples are stamped with the time when the images were taken. Positions of
+    NaN with confidence 0: nobody is in this slot.
 
     Args:
         skeleton: of the people.
+        now_s: Unix time by the clock of the frames: time.time follows NTP, that of a live system does not.
         n_slots: so many people at a time; the number of streams never changes.
         name: of the streams, with a number for each slot.
         on_network: announce them on the network, as LSL's own settings say; else on this computer only. LSL listens on
             all addresses of the computer in either case: to keep others out is a matter of the firewall.
-        now_s: Unix time.
         tell, parts: see BackgroundOutput.
 
     Raises:

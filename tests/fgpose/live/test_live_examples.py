@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -67,7 +68,7 @@ def test_a_zmq_consumer_prints_the_people() -> None:
 
 
 def test_an_lsl_consumer_prints_a_person() -> None:
-    output = open_lsl_output(SKELETON, name="fgpose example")
+    output = open_lsl_output(SKELETON, now_s=time.time, name="fgpose example")
     with running("lsl_consumer.py", "fgpose example 1") as process:
         (line,) = lines_of_frame(output, process, 1)
     output.close()

@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -26,8 +26,8 @@ TIMEOUT_S = 120.0
 
 
 @contextmanager
-def published(n_slots: int = 2) -> Iterator[BackgroundOutput]:
-    output = open_lsl_output(SKELETON, n_slots=n_slots, name=NAME)
+def published(n_slots: int = 2, now_s: Callable[[], float] = time.time) -> Iterator[BackgroundOutput]:
+    output = open_lsl_output(SKELETON, now_s=now_s, n_slots=n_slots, name=NAME)
     try:
         yield output
     finally:
@@ -74,9 +74,8 @@ def test_streams_say_what_they_hold_as_the_convention_wants() -> None:
 def test_a_sample_is_the_pose_of_the_slot_at_the_time_of_its_image() -> None:
     with published() as output:
         first, second = inlet(0), inlet(1)
-        now_s = time.time()
+        before_s, now_s = pylsl.local_clock(), time.time()
         shown = replace(frame(3, (7,)), time_s=now_s - 0.5, published_s=now_s)
-        before_s = pylsl.local_clock()
         values, stamp_s = sample_of(output, first, shown)
         after_s = pylsl.local_clock()
         expected = person(7, 3)
@@ -89,6 +88,20 @@ def test_a_sample_is_the_pose_of_the_slot_at_the_time_of_its_image() -> None:
         nobody = np.array(nobody).reshape(-1, 4)
         assert np.isnan(nobody[:, :3]).all()
         assert (nobody[:, 3] == 0).all()
+
+
+def test_stamps_are_told_by_the_clock_of_the_frames() -> None:
+    """Which does not follow the clock of the computer when that is set."""
+
+    def now_s() -> float:
+        return time.time() + 3600.0
+
+    with published(1, now_s) as output:
+        stream = inlet(0)
+        before_s, taken_s = pylsl.local_clock(), now_s()
+        _, stamp_s = sample_of(output, stream, replace(frame(3, (7,)), time_s=taken_s, published_s=taken_s))
+        # The same moment by two clocks that are read one after the other; rounding.
+        assert before_s - 0.01 <= stamp_s <= pylsl.local_clock() + 0.01
 
 
 def test_a_consumer_that_stops_reading_costs_the_others_nothing() -> None:
@@ -133,12 +146,12 @@ def test_people_keep_their_slots() -> None:
 def test_without_the_library_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)
     with pytest.raises(ImportError, match=r"fgpose\[live\]"):
-        open_lsl_output(SKELETON)
+        open_lsl_output(SKELETON, now_s=time.time)
 
 
 def test_no_slots_are_refused() -> None:
     with pytest.raises(ValueError, match="positive, got 0"):
-        open_lsl_output(SKELETON, n_slots=0)
+        open_lsl_output(SKELETON, now_s=time.time, n_slots=0)
 
 
 def test_closing_ends_the_threads_of_the_output() -> None:
