@@ -48,7 +48,7 @@ class Pace:
 
     def __init__(self, *, warns: bool = True) -> None:
         self._last_s: deque[float] = deque(maxlen=_REMEMBERED_STEPS)
-        self._long_s: list[float] | None = [] if warns else None  # None: it is not told again
+        self._odd_s: list[float] | None = [] if warns else None  # None: it is not told again
 
     @property
     def usual_step_s(self) -> float:
@@ -59,14 +59,14 @@ class Pace:
         """Take the time from one image of a camera to its next.
 
         Warns:
-            UserWarning: the last ten are longer than those of any camera.
+            UserWarning: the last ten are longer or shorter than those of any camera.
         """
         self._last_s.append(step_s)
-        if self._long_s is None:
+        if self._odd_s is None:
             return
-        self._long_s = [*self._long_s, step_s] if step_s >= _LONGEST_STEP_S else []
-        if len(self._long_s) == _FEW_STEPS:
-            usual_s, self._long_s = float(np.median(self._long_s)), None
+        self._odd_s = [] if is_of_a_camera(step_s) else [*self._odd_s, step_s]
+        if len(self._odd_s) == _FEW_STEPS:
+            usual_s, self._odd_s = float(np.median(self._odd_s)), None
             warnings.warn(
                 f"the images of a camera follow each other by {usual_s:.3g} s: no camera films like that. Times are in "
                 f"seconds: are these in {other_unit(usual_s)}?",

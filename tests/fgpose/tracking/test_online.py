@@ -203,7 +203,7 @@ def test_after_the_clock_was_set_back_people_are_found_anew(scene: CrowdScene):
     assert [(each.what, each.person) for each in tracker.events()][:2] == [("lost", 0), ("lost", 1)]
 
 
-@pytest.mark.parametrize(("unit", "words"), [(1e3, "milliseconds"), (1e9, "nanoseconds")])
+@pytest.mark.parametrize(("unit", "words"), [(1e3, "milliseconds"), (1e9, "nanoseconds"), (1e-3, "another unit")])
 def test_times_in_another_unit_are_said(scene: CrowdScene, unit: float, words: str):
     slow = [[replace(each, time_s=unit * each.time_s) for each in images] for images in moments(scene)[:14]]
     _, told = updated(fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST), slow)
