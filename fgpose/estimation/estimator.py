@@ -40,6 +40,10 @@ class Estimator(Exclusive):
 
     Hands and face (Skeleton.parts) are estimated by themselves, where they hang on the body.
 
+    After frames in which nobody is detected for 0.2 s, who comes may be somebody else: bone lengths are learned anew,
+    unless is_one_person. Where somebody takes the place of another at once, the bones of the former are used for one to
+    two seconds more, until Estimate.other_bone says so; covariances are too small meanwhile.
+
     A frame that is more than a minute later than all before is refused until the next one is later still: its stamp may
     be wrong. After ten that are more than a minute older the clock was set back: with a warning, all begins anew but
     bone lengths and time offsets. A recording whose times are known to be right, and which pauses for more than a
@@ -59,6 +63,7 @@ class Estimator(Exclusive):
         offsets: RunningOffsets | None = None,
         *,
         times_are_checked: bool = False,
+        is_one_person: bool = False,
     ) -> None:
         super().__init__()
         refuse_changing(rig)
@@ -66,7 +71,8 @@ class Estimator(Exclusive):
         skeleton = as_skeleton(skeleton)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         body = skeleton.of_joints(skeleton.body) if skeleton.parts else skeleton
-        self._body = PartEstimator(rig, body, self.config, offsets)
+        self._body = PartEstimator(rig, body, self.config, offsets, is_one_person=is_one_person)
+        self._is_one_person = is_one_person
         self._turns, self._one_moment = Turns(), OneMoment(rig.names)
         self._ahead, self._set_back = (None, None) if times_are_checked else (Ahead(rig.names), SetBack())
         self._checks = ImageChecks.none(rig.n_cameras, skeleton)
@@ -115,8 +121,8 @@ class Estimator(Exclusive):
     @exclusive
     def know(self, lengths: BoneLengths) -> None:
         """Expect the bones of somebody who is known: Trajectory.bones or Estimate.bone_lengths of before, or measured.
-        Until they have left, for who comes then may be somebody else; or until it is seen that they are somebody else's
-        (Estimate.other_bone). Raises ValueError: they are not those of the skeleton.
+        Until they have left or were not detected for 0.2 s, for who comes then may be somebody else; or until it is
+        seen that they are somebody else's (Estimate.other_bone). Raises ValueError: they are not those of the skeleton.
         """
         lengths.check(self.skeleton)
         for estimator in (self._body, *(each.estimator for each in self._parts)):
@@ -230,7 +236,8 @@ class Estimator(Exclusive):
         """After the clock was set back. Raises what the new estimator does; this one is then as it was before."""
         before = self.newest
         assert before is not None
-        anew = Estimator(self.rig, self.skeleton, self.config, self._body.offsets)
+        known = self.rig, self.skeleton, self.config, self._body.offsets
+        anew = Estimator(*known, is_one_person=self._is_one_person)
         if before.bone_lengths is not None:
             anew.know(before.bone_lengths)
         estimate = take(anew)

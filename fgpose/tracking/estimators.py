@@ -58,7 +58,8 @@ class Estimators:
             estimator.tidy()
 
     def _new(self) -> Estimator:
-        return Estimator(self._rig, self._skeleton, self._config, self.offsets, times_are_checked=True)
+        needs = self._rig, self._skeleton, self._config, self.offsets
+        return Estimator(*needs, times_are_checked=True, is_one_person=True)  # the tracker sees to both
 
 
 def load_libraries() -> None:

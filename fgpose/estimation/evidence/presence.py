@@ -12,8 +12,10 @@ from jaxtyping import Bool, Float
 
 MIN_JOINTS = 4
 """Fewer do not tell a body from some wrong detections."""
-# Somebody who was not seen for a moment and is farther away than people run is somebody else.
-_AWAY_S, _NEAR_M, _RUNS_MPS = 0.2, 0.5, 6.0
+AWAY_S = 0.2
+"""Who was not seen for so long, and is seen then, may be somebody else."""
+# Who is farther away than people run is somebody else.
+_NEAR_M, _RUNS_MPS = 0.5, 6.0
 
 
 def present(
@@ -42,6 +44,22 @@ def present(
     return here
 
 
+class Returns:
+    """Of somebody whom no camera detected for a moment, by frames that show nobody: they may be somebody else."""
+
+    def __init__(self) -> None:
+        self._detected_s, self._shows_nobody = np.inf, False
+
+    def is_one(self, detected: Bool[np.ndarray, "camera joint"], time_s: float) -> bool:
+        """Whether somebody comes with the newest frame, or with another image of it."""
+        if np.count_nonzero(detected.any(axis=0)) < MIN_JOINTS:
+            self._shows_nobody = True
+            return False
+        comes = self._shows_nobody and time_s - self._detected_s >= AWAY_S
+        self._detected_s, self._shows_nobody = time_s, False
+        return comes
+
+
 def has_left(
     before_m: Float[np.ndarray, "joint 3"], now_m: Float[np.ndarray, "joint 3"], unseen_s: float, coast_s: float
 ) -> bool:
@@ -57,7 +75,7 @@ def has_left(
     if unseen_s > coast_s:
         return True
     both = np.isfinite(before_m).all(axis=-1) & np.isfinite(now_m).all(axis=-1)
-    if unseen_s < _AWAY_S or np.count_nonzero(both) < MIN_JOINTS:
+    if unseen_s < AWAY_S or np.count_nonzero(both) < MIN_JOINTS:
         return False
     moved_m = np.median(now_m[both], axis=0) - np.median(before_m[both], axis=0)
     return bool(np.linalg.norm(moved_m) > _NEAR_M + _RUNS_MPS * unseen_s)

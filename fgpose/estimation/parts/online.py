@@ -47,7 +47,8 @@ class HungPart:
         self.part, self._config, self._rig = part, config, rig
         self._skeleton = skeleton.of_joints(part.joints, own.name)
         self._holder = Holder(own.root[0], skeleton.body.index(part.hangs_on[0]), is_same=part.is_joined)
-        self.estimator = PartEstimator(rig, own, config_of(part, config), offsets, self._holder)
+        of_part = rig, own, config_of(part, config), offsets, self._holder
+        self.estimator = PartEstimator(*of_part, is_one_person=True)
         self._rigid: RigidSet | None = None
         self._frame = -1
         self._images: Observations | None = None  # of that frame, as far as they have come

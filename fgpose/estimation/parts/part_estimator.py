@@ -14,6 +14,7 @@ from fgpose.estimation.evidence.evidence import Evidence, concatenated
 from fgpose.estimation.evidence.gather import gather_frame
 from fgpose.estimation.evidence.images import corrected, fits_better
 from fgpose.estimation.evidence.plausibility import Bodies, RunningPlausibility
+from fgpose.estimation.evidence.presence import Returns
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.arrivals import Arrivals, with_image
@@ -44,6 +45,7 @@ class PartEstimator:
     Args:
         rig, skeleton, config, offsets: as of Estimator.
         holder: of a hand or a face, what says where it hangs.
+        is_one_person: whoever comes back is the same one.
     """
 
     def __init__(
@@ -53,6 +55,8 @@ class PartEstimator:
         config: Config,
         offsets: RunningOffsets | None = None,
         holder: Holder | None = None,
+        *,
+        is_one_person: bool = False,
     ) -> None:
         self.rig, self.skeleton, self.config, self._holder = rig, skeleton, config, holder
         # The time of a frame is by the mean clock, as in the batch (by_mean_clock): only what leaves has the true time.
@@ -68,6 +72,7 @@ class PartEstimator:
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
         self._is_tidy = True
+        self._returns = None if is_one_person else Returns()
         self._arrivals = Arrivals(rig.names, warns=holder is None)
         self._plausibility = RunningPlausibility()
         self._credibility = RunningCredibility(rig.n_cameras, skeleton.n_joints)
@@ -156,6 +161,7 @@ class PartEstimator:
         self._arrivals.took(image_time_s)
         if not self._is_tidy:
             self._learn()
+        self._meet(gathered)
         before = self._window[-1] if len(self._window) else None
         state = self._prediction.frame(before, frame, gathered, image_time_s, self._rig)
         # In one update with the new frame, which costs less than one of its own.
@@ -168,6 +174,11 @@ class PartEstimator:
             self._learn_smoothed(oldest)
             self._estimates.take_lagged(self._window, self._rig)
         return self._estimates.newest(self._window, self._rig)
+
+    def _meet(self, gathered: Evidence) -> None:
+        """Whoever the newest frame shows."""
+        if self._returns is not None and self._returns.is_one(gathered.detected[0], float(gathered.time_s[0])):
+            self._lengths.forget()
 
     def _gathered(self, frame: Observations, new: Observations) -> tuple[Evidence, Bodies]:
         """Of a frame, of which some images are new. Raises ValueError as Estimator.update."""
@@ -188,6 +199,8 @@ class PartEstimator:
         image_time_s = np.where(is_own, image.frame_time_s[0], state.image_time_s)
         gathered, bodies = self._gathered(observations, image)
         self._arrivals.took(np.where(is_own, image_time_s, np.nan))
+        if is_newest:
+            self._meet(gathered)
         if gathered.implausible[0] and not state.evidence.implausible[0]:
             self._plausibility.count(bodies)
             return replace(self._estimates.newest(self._window, self._rig), is_implausible=True)
