@@ -44,7 +44,6 @@ FLOORS = (
         "plain_files",
         "config",
         "correspondences",
-        "exclusive",
         "extensions",
         "finding",
         "freed_memory",

@@ -16,11 +16,11 @@ from fgpose.estimation.evidence.plausibility import without_clipped
 from fgpose.estimation.online.arrivals import Turns, check_frame, check_later, one_frame, one_image
 from fgpose.estimation.online.clock_jumps import SET_BACK, Ahead, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
+from fgpose.estimation.online.exclusive import Exclusive, exclusive
 from fgpose.estimation.online.one_moment import OneMoment
 from fgpose.estimation.parts.online import HungPart, of_whole_body
 from fgpose.estimation.parts.part_estimator import PartEstimator
 from fgpose.estimation.parts.whole import of_part
-from fgpose.exclusive import Exclusive, exclusive
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing, warn_far_apart
 from fgpose.io.skeletons import as_skeleton

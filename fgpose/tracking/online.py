@@ -13,8 +13,8 @@ from fgpose.association.track import Track, Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.online.clock_jumps import ENOUGH_OF_ONE, FAR_S, SET_BACK, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
+from fgpose.estimation.online.exclusive import Exclusive, exclusive
 from fgpose.estimation.online.one_moment import OneMoment, taken_together
-from fgpose.exclusive import Exclusive, exclusive
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.io.skeletons import as_skeleton
