@@ -30,13 +30,14 @@ _END_PER_S = 2.0
 """Rates at which flips begin and end: a flip lasts 0.5 s on average, and one view in eleven is flipped, as measured
 with the poorest network."""
 # These bound time and memory, which grow with states and pairs of views; 15 are all pairs of six cameras.
-_MAX_FLIPPED_AT_ONCE = 2
+_FEW, _MAX_FLIPPED_AT_ONCE = 6, 2
 _MAX_PAIRS = 15
 
 
 def possible_states(n_cameras: int) -> Int[np.ndarray, "state camera"]:
-    """Which cameras may be flipped at once: a minority, or half. The first state is none."""
-    at_most = n_cameras // 2 if n_cameras <= 6 else _MAX_FLIPPED_AT_ONCE
+    """Which cameras may be flipped at once: any of a few, also most of them, as what they show next tells; of more two.
+    The first state is none."""
+    at_most = n_cameras if n_cameras <= _FEW else _MAX_FLIPPED_AT_ONCE
     chosen = [flipped for count in range(at_most + 1) for flipped in combinations(range(n_cameras), count)]
     states = np.zeros((len(chosen), n_cameras), dtype=int)
     for state, flipped in zip(states, chosen, strict=True):
@@ -81,12 +82,15 @@ def disagreement(
     missed = _missed(points_px, weights, metres_per_px, rig, pairs)
     proposal, camera = np.arange(len(pairs)), np.arange(rig.n_cameras)
 
-    def of_side(side: Int[np.ndarray, " camera"]) -> Float[np.ndarray, " frame"]:
-        by_proposal = missed[:, proposal, :, side[pairs[:, 0]], side[pairs[:, 1]]][..., camera, side].sum(axis=-1)
+    def of_side(side: tuple[int, ...]) -> Float[np.ndarray, " frame"]:
+        first, second = (np.array(side)[views] for views in pairs.T)
+        by_proposal = missed[:, proposal, :, first, second][..., camera, side].sum(axis=-1)
         best = by_proposal.min(axis=0)
         return np.where(np.isfinite(best), best, 0.0).sum(axis=-1)
 
-    return np.stack([of_side(state) + of_side(1 - state) for state in states], axis=-1)
+    both = [(tuple(state.tolist()), tuple((1 - state).tolist())) for state in states]
+    costs = {side: of_side(side) for side in {side for sides in both for side in sides}}
+    return np.stack([costs[left] + costs[right] for left, right in both], axis=-1)
 
 
 def _missed(

@@ -224,7 +224,7 @@ def _probability(
     before_weights = np.where(known, np.take_along_axis(weights, last, axis=0), 0.0)
     passed_s, step_s = time_s.reshape(-1, 1, 1, 1) - time_s[last], np.diff(time_s, prepend=time_s[0])[:, None]
     change = log_change(points_px, weights, before_px, before_weights, passed_s, step_s, scale)
-    posterior = _forward_backward(-cost, np.stack([of_states(each, states) for each in change]), log_prior(states))
+    posterior = _forward_backward(-cost, change, states)
     return np.where(weights.any(axis=(2, 3)), posterior @ states, 0.0)
 
 
@@ -244,16 +244,16 @@ def _last_seen(seen: Bool[np.ndarray, "frame camera pair side"]) -> Int[np.ndarr
 
 def _forward_backward(
     log_likelihood: Float[np.ndarray, "frame state"],
-    change: Float[np.ndarray, "frame state state"],
-    prior: Float[np.ndarray, " state"],
+    change: Float[np.ndarray, "frame camera before after"],
+    states: Int[np.ndarray, "state camera"],
 ) -> Float[np.ndarray, "frame state"]:
     """Probability of each state in each frame, given all frames; logarithms in, probabilities out."""
     forward, backward = log_likelihood.copy(), np.zeros_like(log_likelihood)
-    forward[0] += prior
+    forward[0] += log_prior(states)
     for t in range(1, len(forward)):
-        forward[t] += np.logaddexp.reduce(forward[t - 1][:, None] + change[t], axis=0)
-        after = len(forward) - t
-        backward[after - 1] = np.logaddexp.reduce(change[after] + log_likelihood[after] + backward[after], axis=1)
+        forward[t] += np.logaddexp.reduce(forward[t - 1][:, None] + of_states(change[t], states), axis=0)
+    for t in reversed(range(1, len(forward))):
+        backward[t - 1] = np.logaddexp.reduce(of_states(change[t], states) + log_likelihood[t] + backward[t], axis=1)
     total = forward + backward
     total = np.exp(total - total.max(axis=1, keepdims=True))
     return total / total.sum(axis=1, keepdims=True)

@@ -82,7 +82,7 @@ def test_a_recording_without_flips_stays_as_it_is(recording):
     assert flip_probability(observations, rig).max() < 1e-3
 
 
-@pytest.mark.parametrize("at_once", [1, 2])
+@pytest.mark.parametrize("at_once", [1, 2, 4])
 @pytest.mark.parametrize("seed", range(4))
 def test_random_flips_of_a_real_recording_are_all_found_and_corrected(recording, seed, at_once):
     rig, observations = recording
