@@ -40,7 +40,7 @@ class Estimator(Exclusive):
 
     Hands and face (Skeleton.parts) are estimated by themselves, where they hang on the body.
 
-    After frames in which nobody is detected for 0.2 s, who comes may be somebody else: bone lengths are learned anew,
+    After frames in which nobody is detected for 0.5 s, who comes may be somebody else: bone lengths are learned anew,
     unless is_one_person. Where somebody takes the place of another at once, the bones of the former are used for one to
     two seconds more, until Estimate.other_bone says so; covariances are too small meanwhile.
 
@@ -121,7 +121,7 @@ class Estimator(Exclusive):
     @exclusive
     def know(self, lengths: BoneLengths) -> None:
         """Expect the bones of somebody who is known: Trajectory.bones or Estimate.bone_lengths of before, or measured.
-        Until they have left or were not detected for 0.2 s, for who comes then may be somebody else; or until it is
+        Until they have left or were not detected for 0.5 s, for who comes then may be somebody else; or until it is
         seen that they are somebody else's (Estimate.other_bone). Raises ValueError: they are not those of the skeleton.
         """
         lengths.check(self.skeleton)

@@ -75,5 +75,5 @@ def test_a_moment_without_anybody_is_an_absence_if_it_lasts() -> None:
     assert not returns.is_one(NOBODY, 0.04)
     assert not returns.is_one(SOMEBODY, 0.08), "too short"
     assert not returns.is_one(NOBODY, 0.12)
-    assert returns.is_one(SOMEBODY, 0.32)
-    assert not returns.is_one(SOMEBODY, 0.36)
+    assert returns.is_one(SOMEBODY, 0.6)
+    assert not returns.is_one(SOMEBODY, 0.64)
