@@ -260,7 +260,9 @@ class Observations(Shown):
 
 def _own(values: np.ndarray, *kept: type[np.floating]) -> np.ndarray:
     """As numbers that nobody else changes: a copy, unless they are of other observations, which are shared. In double
-    precision, or in one that is kept."""
+    precision, or in one that is kept. Raises ValueError: they are complex."""
+    if np.iscomplexobj(values):
+        raise ValueError("coordinates and confidences are real numbers, got complex ones")
     if not isinstance(values, np.ndarray) or values.dtype not in (float, *kept):
         return np.array(values, dtype=float)
     owner = values if values.base is None or values.flags.writeable else values.base

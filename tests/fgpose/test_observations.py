@@ -61,6 +61,11 @@ def test_a_missing_point_has_no_confidence(parts: dict[str, Any]) -> None:
     assert (~observations.seen).sum() == 1
 
 
+def test_complex_numbers_are_refused(parts: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="complex"):
+        Observations(**parts | {"points2d_px": parts["points2d_px"] + 1j})
+
+
 def test_a_point_without_confidence_is_missing(parts: dict[str, Any]) -> None:
     parts["confidence"][SPOT] = 0
     observations = Observations(**parts)

@@ -257,7 +257,7 @@ OTHER_FAULTS = [
     (turned, "", "left and right change places 2 times, first at 4.97 s"),
     (far_away, "", "outside of the volume that two cameras see"),
     (same_confidence, "", "all detections have the confidence 0.5"),
-    (dropped_frames, "", "frames are missing at 1 moments"),
+    (dropped_frames, "", "frames are missing at one moment"),
     (coarse, "ring_3", "calibration coarse, camera ring_3: the focal length is not determined"),
 ]
 
