@@ -15,6 +15,7 @@ from fgpose.config import Config
 from fgpose.estimation.evidence import fusion
 from fgpose.estimation.evidence import gather as gather_module
 from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.evidence.image_checks.flips import limb_joints
 from fgpose.estimation.online.window import Window
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.settling import informed
@@ -183,7 +184,7 @@ def test_a_run_that_is_killed_while_it_writes_leaves_no_file_of_the_viewer_from_
 
 def test_a_recording_is_gathered_once(source: Source[Observations], monkeypatch: pytest.MonkeyPatch) -> None:
     """However many methods are compared and shown; the second run with the same parameters needs nothing anew. It is
-    undistorted before that to see which views follow the person."""
+    undistorted before that to see which views follow the person, and its limbs to see whose sides are exchanged."""
     undistorted: Counter[str] = Counter()
     triangulated: list[int] = []
     undistort, triangulate_robust = Camera.undistort, gather_module.triangulate_robust
@@ -205,7 +206,8 @@ def test_a_recording_is_gathered_once(source: Source[Observations], monkeypatch:
         with open_recording(None, source.rig, source.observations.skeleton, live=True, port=0) as recording:
             pipeline.show(result, recording)
     points2d_px = source.observations.points2d_px
-    assert undistorted == dict.fromkeys(source.rig.names, 2 * points2d_px[:, 0].size)
+    limbs_px = points2d_px[:, 0, limb_joints(source.observations.skeleton).ravel()]
+    assert undistorted == dict.fromkeys(source.rig.names, 2 * points2d_px[:, 0].size + limbs_px.size)
     assert triangulated == [points2d_px.size]
 
 
