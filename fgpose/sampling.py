@@ -59,13 +59,14 @@ class Pace:
         """Take the time from one image of a camera to its next.
 
         Warns:
-            UserWarning: the last ten are longer or shorter than those of any camera.
+            UserWarning: the last ten are longer or shorter than those of any camera, and the usual one is too: images
+                that were held up may come in a burst.
         """
         self._last_s.append(step_s)
         if self._odd_s is None:
             return
         self._odd_s = [] if is_of_a_camera(step_s) else [*self._odd_s, step_s]
-        if len(self._odd_s) == _FEW_STEPS:
+        if len(self._odd_s) >= _FEW_STEPS and not is_of_a_camera(self.usual_step_s):
             usual_s, self._odd_s = float(np.median(self._odd_s)), None
             warnings.warn(
                 f"the images of a camera follow each other by {usual_s:.3g} s: no camera films like that. Times are in "

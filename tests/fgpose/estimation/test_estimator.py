@@ -541,7 +541,8 @@ def test_a_clock_that_jumps_forward(
     clear = mocap_clear.observations.frames(slice(0, 50))
     time_s = np.array(clear.time_s)
     time_s[25:] += jump_s
-    estimator = fgpose.Estimator(rig, clear.skeleton, config_from_dict({"motion": {"max_unseen_s": max_unseen_s}}))
+    config = config_from_dict({"motion": {"max_unseen_s": max_unseen_s}})
+    estimator = fgpose.Estimator(rig, clear.skeleton, config, times_are_checked=True)
     estimates = [estimator.update(frame) for frame in replace(clear, time_s=time_s)]
     assert estimator.repairs == 0
     # As after the start: 17 mm, and a little more where nothing before helps.
@@ -549,6 +550,7 @@ def test_a_clock_that_jumps_forward(
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:the images of a camera follow each other by")
 def test_frames_within_microseconds_for_long(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     clear = mocap_clear.observations.frames(slice(0, 50))
     estimator = fgpose.Estimator(rig, clear.skeleton)
