@@ -221,8 +221,9 @@ def missing_frames(recording: FinishedRecording) -> list[Finding]:
     longest = int(np.argmax(steps_s))
     share = float(steps_s[missed].sum() / steps_s.sum())
     n_moments = int(missed.sum())
+    moments = "one moment" if n_moments == 1 else f"{n_moments} moments"
     reason = (
-        f"frames are missing at {'one moment' if n_moments == 1 else f'{n_moments} moments'}, {100 * share:.1f} % of the time; the longest for "
+        f"frames are missing at {moments}, {100 * share:.1f} % of the time; the longest for "
         f"{steps_s[longest]:.2f} s at {trajectory.time_s[longest]:.1f} s"
     )
     return [
