@@ -35,8 +35,9 @@ errors are smaller with it than without."""
 # Of the joints of a view whose sides are apart: so many more fit exchanged than as they are, by the other views. Of
 # hallucinated bodies 0.05 and less, of exchanged ones 0.12 and more.
 _CONFIRMED_SHARE, _APART_M, _FEWEST = 0.1, 0.08, 3
-# With two cameras there is no other view: nearly all have to fit. Of hallucinated bodies 0.32 and more do not.
-_FITS_SHARE = 0.25
+# With two cameras there is no other view: half of the joints of the limbs have to be judged, and nearly all of them to
+# fit. Of hallucinated bodies 0.32 and more do not, and hallucinated limbs meet by chance in the plane of both cameras.
+_WHOLE, _FITS_SHARE = 6, 0.25
 _AROUND_S, _DOUBT = 0.5, 0.5  # of a suspicious frame: flips begin and end where left and right coincide
 _ROUNDS = 3  # in a rig of more than six cameras two flips are found in each
 _TWO = 2
@@ -138,9 +139,10 @@ def confirmed(
         begins = np.flatnonzero(np.diff(frames, prepend=-_TWO) > 1)
         misfit, other_way, judged = (np.add.reduceat(each, begins) for each in misfits)
         clear = (judged >= _FEWEST) & (misfit - other_way > _CONFIRMED_SHARE * judged)
+        lengths = np.diff(begins, append=len(frames))
         if rig.n_cameras == _TWO:
-            clear &= other_way < _FITS_SHARE * judged
-        sure[frames, camera] = np.repeat(clear, np.diff(begins, append=len(frames)))
+            clear &= (judged >= _WHOLE * lengths) & (other_way < _FITS_SHARE * judged)
+        sure[frames, camera] = np.repeat(clear, lengths)
     return sure
 
 
