@@ -71,7 +71,7 @@ def _of_recording(path: Path) -> Skeleton:
         joints = names(read_table(path, ["joint"]), "joint", may_lack=True)[0] if described is None else ()
     else:
         arrays = read_arrays(path, ["joints", SKELETON])
-        described = texts(arrays, SKELETON)[0] if SKELETON in arrays else None
+        described = next(iter(texts(arrays, SKELETON)), "") if SKELETON in arrays else None
         joints = texts(arrays, "joints")
     if described is not None:
         try:

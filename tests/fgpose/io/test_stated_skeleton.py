@@ -181,9 +181,10 @@ def test_files_of_earlier_versions_have_the_names_of_the_joints(tmp_path: Path) 
         ValueError, match=r"no skeleton that comes with fgpose has its joints \(hip, knee, foot\); give"
     ):
         stated_skeleton(path)
-    write_arrays(path, arrays | {"skeleton": np.array(["{"])})
-    with pytest.raises(ValueError, match=r"seen.npz: its skeleton is damaged"):
-        stated_skeleton(path)
+    for damaged in (["{"], np.empty(0, dtype="<U1")):
+        write_arrays(path, arrays | {"skeleton": np.array(damaged)})
+        with pytest.raises(ValueError, match=r"seen.npz: its skeleton is damaged"):
+            stated_skeleton(path)
 
 
 @pytest.mark.slow
