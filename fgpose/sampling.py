@@ -30,7 +30,7 @@ _APART_S = 600.0
 
 def is_of_a_camera(step_s: float) -> bool:
     """Whether cameras take images that are so far apart, seconds."""
-    return _SHORTEST_STEP_S < step_s < _LONGEST_STEP_S
+    return bool(_SHORTEST_STEP_S < step_s < _LONGEST_STEP_S)  # also of numbers of numpy
 
 
 def other_unit(step_s: float) -> str:
