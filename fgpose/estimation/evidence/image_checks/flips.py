@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from fgpose.estimation.evidence.image_checks.flip_model import (
     INLIER_PX,
@@ -26,7 +26,7 @@ from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
-from fgpose.sampling import parts_of
+from fgpose.sampling import parts_of, stretches
 from fgpose.skeleton import Skeleton
 
 SURE = 0.9
@@ -64,7 +64,7 @@ def flipped_views(observations: Observations, rig: CameraRig) -> Bool[np.ndarray
     """
     observations.check_cameras(rig.names)
     flipped = np.zeros((observations.n_frames, observations.n_cameras), dtype=bool)
-    if rig.n_cameras < _TWO or not len(limb_joints(observations.skeleton)):
+    if not can_tell(observations.skeleton, rig):
         return flipped
     for start, stop in _suspicious_parts(observations, rig):
         for part in parts_of(stop - start, _MOST_FRAMES):
@@ -97,12 +97,8 @@ def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[tuple[
         shows = weights.any(axis=(2, 3))
         fits_better = is_suspicious(points_px, _met_m(points_px, weights, rig), rig)
         suspicious[part] = (shows.sum(axis=1) == _TWO) | fits_better.any(axis=1)
-    if not suspicious.any():
-        return []
-    time_s = observations.frame_time_s
-    around_s = time_to_known_s(suspicious[:, None], time_s)[:, 0]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], around_s <= _AROUND_S, [False]])))
-    return [(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]
+    around_s = time_to_known_s(suspicious[:, None], observations.frame_time_s)[:, 0]
+    return stretches(around_s <= _AROUND_S)
 
 
 def is_suspicious(
@@ -164,9 +160,9 @@ def _misfits(
 ) -> tuple[Float[np.ndarray, "frame camera"], Float[np.ndarray, "frame camera"], Int[np.ndarray, "frame camera"]]:
     """How many joints of each view do not fit limbs at these positions, as they are and with left and right exchanged;
     those that fit roughly count in part. And of how many, whose sides are apart in the image."""
-    projected_px = np.stack([camera.project(positions_m) for camera in rig.cameras], axis=1)
     joints_m = positions_m.reshape(len(positions_m), -1, 3)
-    px_per_m = rig.px_per_m(joints_m).reshape(projected_px.shape[:-1])
+    projected_px, px_per_m = rig.project(joints_m).reshape(points_px.shape), rig.px_per_m(joints_m)
+    px_per_m = px_per_m.reshape(points_px.shape[:-1])
     apart_m = np.linalg.norm(projected_px[..., 0, :] - projected_px[..., 1, :], axis=-1, keepdims=True) / px_per_m
     judged = np.asarray(np.isfinite(points_px).all(axis=(-1, -2)))[..., None] & (apart_m > _APART_M)
 
@@ -195,12 +191,21 @@ def _exchanged(
     of_limbs: Float[np.ndarray, "frame camera pair side *rest"], flipped: Bool[np.ndarray, "frame camera"]
 ) -> Float[np.ndarray, "frame camera pair side *rest"]:
     """With the sides of these views exchanged."""
-    where = flipped.reshape(*flipped.shape, *[1] * (of_limbs.ndim - 2))
-    return np.where(where, of_limbs[:, :, :, ::-1], of_limbs)
+    return _in_views(flipped, of_limbs[:, :, :, ::-1], of_limbs)
+
+
+def _in_views(
+    views: Bool[np.ndarray, "frame camera"],
+    there: Shaped[np.ndarray, "frame camera *rest"],
+    elsewhere: Shaped[np.ndarray, "frame camera *rest"],
+) -> Shaped[np.ndarray, "frame camera *rest"]:
+    return np.where(views.reshape(*views.shape, *[1] * (there.ndim - 2)), there, elsewhere)
 
 
 def flip_probability(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
     """Probability that each view has left and right exchanged; 0 where it sees nothing of the limbs."""
+    if not can_tell(observations.skeleton, rig):
+        return np.zeros((observations.n_frames, rig.n_cameras))
     return _probability(*limbs(observations, rig), observations.frame_time_s, rig)
 
 
@@ -211,8 +216,6 @@ def _probability(
     rig: CameraRig,
 ) -> Float[np.ndarray, "frame camera"]:
     states = possible_states(rig.n_cameras)
-    if not points_px.shape[2] or len(states) == 1:
-        return np.zeros(weights.shape[:2])
     scale = metres_per_px(points_px, weights, rig)
     cost = np.concatenate(
         [
@@ -228,6 +231,11 @@ def _probability(
     change = log_change(points_px, weights, before_px, before_weights, passed_s, step_s, scale)
     posterior = _forward_backward(-cost, change, states)
     return np.where(weights.any(axis=(2, 3)), posterior @ states, 0.0)
+
+
+def can_tell(skeleton: Skeleton, rig: CameraRig) -> bool:
+    """Whether there are limbs with two sides, and another camera that sees them."""
+    return rig.n_cameras >= _TWO and len(limb_joints(skeleton)) > 0
 
 
 def limb_joints(skeleton: Skeleton) -> Int[np.ndarray, "pair side"]:
@@ -266,6 +274,6 @@ def with_sides_exchanged(observations: Observations, flipped: Bool[np.ndarray, "
     mirror = observations.skeleton.mirror
 
     def of_other_side(values: np.ndarray) -> np.ndarray:
-        return np.where(flipped.reshape(*flipped.shape, *[1] * (values.ndim - 2)), values[:, :, mirror], values)
+        return _in_views(flipped, values[:, :, mirror], values)
 
     return replace(observations, **observations.per_detection(of_other_side))

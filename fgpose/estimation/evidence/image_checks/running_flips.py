@@ -15,7 +15,14 @@ from fgpose.estimation.evidence.image_checks.flip_model import (
     of_states,
     possible_states,
 )
-from fgpose.estimation.evidence.image_checks.flips import SURE, confirmed, is_suspicious, limb_joints, limbs
+from fgpose.estimation.evidence.image_checks.flips import (
+    SURE,
+    can_tell,
+    confirmed,
+    is_suspicious,
+    limb_joints,
+    limbs,
+)
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -60,7 +67,8 @@ class RunningFlips:
         (points_px,), (weights,) = limbs(images, rig)
         seen, shows = weights > 0, weights.any(axis=(1, 2))
         belief, flipped = self.log_belief, np.zeros(rig.n_cameras, dtype=bool)
-        if self._may_be_flipped(points_px, expected_m[limb_joints(images.skeleton)], rig):
+        limbs_m = expected_m[limb_joints(images.skeleton)]
+        if can_tell(images.skeleton, rig) and self._may_be_flipped(points_px, limbs_m, rig):
             belief, flipped = self._judged(points_px, weights, time_s, rig)
         before_px = np.where(seen[..., None], points_px, self.before_px)
         before_weights = np.where(seen, weights, self.before_weights)
@@ -73,8 +81,6 @@ class RunningFlips:
         expected_m: Float[np.ndarray, "pair side 3"],
         rig: CameraRig,
     ) -> bool:
-        if rig.n_cameras < 2 or not points_px.shape[1]:
-            return False
         is_settled = -np.expm1(self.log_belief[0]) < _SETTLED
         unknown = not np.isfinite(expected_m).any()
         return not is_settled or unknown or bool(is_suspicious(points_px[None], expected_m[None], rig).any())
