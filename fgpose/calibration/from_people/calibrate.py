@@ -18,7 +18,7 @@ from fgpose.calibration.adjustment.unknowns import FOCAL, OFFSET, TRANSLATION, G
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.from_people.rig.evidence import frames_of, reconstructed
 from fgpose.calibration.from_people.rig.focal_check import check_focal
-from fgpose.calibration.from_people.rig.other_people import OtherPerson, other_people
+from fgpose.calibration.from_people.rig.other_people import other_people
 from fgpose.calibration.from_people.rig.scaffold import scaffolds
 from fgpose.calibration.from_people.rig.somebody_else import with_the_walker
 from fgpose.calibration.from_people.rig.walk_adjustment import AdjustedWalk, AdjustmentConfig, adjust, lens_groups
@@ -118,9 +118,7 @@ def calibrate_from_people(
     told()
     halves = adjusting.halves(walk, adjusted.rig)
     told()
-    # A distance is nobody's.
-    others = [] if measured or stature_m is None else other_people(walk, everybody, found, adjusted.rig, joints)
-    metric = _metric(walk, adjusted, joints, halves, stature_m, measured, others)
+    metric = _metric(walk, adjusted, joints, halves, stature_m, measured, everybody, found)
     told()
     result = _judged(first, walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
@@ -222,9 +220,12 @@ def _metric(
     halves: tuple[AdjustedWalk, AdjustedWalk] | None,
     stature_m: float | None,
     measured: Sequence[MeasuredDistance],
-    others: Sequence[OtherPerson],
+    everybody: Mapping[str, Sequence[Track]],
+    starts: Starts,
 ) -> Metric:
     """In the world, with what the halves of the recording tell of the size of the body."""
+    # A distance is nobody's.
+    others = [] if measured or stature_m is None else other_people(walk, everybody, starts, adjusted.rig, joints)
     cues = stature_m, _of_rig(measured, walk), _of_positions(adjusted), _body_sigma(joints, adjusted.rig, halves)
     return to_metric(walk, adjusted.rig, joints, *cues, others)
 

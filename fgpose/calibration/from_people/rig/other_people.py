@@ -20,9 +20,8 @@ from fgpose.geometry.triangulation import triangulate
 from fgpose.sampling import spread_evenly
 
 _MOST_PIECES = 8  # of a camera, those seen longest: each is compared with those of all other cameras
-_LEAST_S = (
-    1.0  # of somebody who moves, by chance hardly anybody else is on the epipolar lines of all joints for so long
-)
+# Of somebody who moves, by chance hardly anybody else is on the epipolar lines of all joints for so long.
+_LEAST_S = 1.0
 _COMPARED_FRAMES = 100
 
 
