@@ -52,7 +52,7 @@ def main(
     print(f"{detected.n_images} images, {detected.n_new_images} of them new to the network")
 
     observations, flipped = correct_flips(detected.observations(), detected.rig)
-    for camera, n_flipped in zip(detected.rig.names, flipped.sum(axis=0).tolist(), strict=True):
+    for camera, n_flipped in zip(detected.rig.names, flipped.any(axis=2).sum(axis=0).tolist(), strict=True):
         print(f"{camera}: left and right exchanged in {n_flipped} frames, corrected")
 
     refined = fgpose.calibration.refine_rig(observations, detected.rig)

@@ -14,7 +14,7 @@ from fgpose.diagnosis.series import camera_medians, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import parts_of, usual_step_s
 
-_CORRECTED = "Whole poses that are turned are corrected; if errors stay, use another network."
+_CORRECTED = "Bodies, arms and legs that are exchanged are corrected; if errors stay, use another network."
 _NOT_CORRECTED = (
     "No two other cameras tell which side is which, so not all of it is corrected: use a network that looks at more of "
     "the image."

@@ -123,7 +123,7 @@ def _weighted(
     parts = (evidence.frames(some) for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)))
     of_parts = ((part.weights.astype(np.float32), part.undistorted_px.astype(np.float32)) for part in parts)
     weights, undistorted_px = (np.concatenate(each) for each in zip(*of_parts, strict=True))
-    not_as_given = np.isnan(undistorted_px[..., 0]) | evidence.sides_exchanged[frames][..., None]
+    not_as_given = np.isnan(undistorted_px[..., 0]) | evidence.sides_exchanged[frames]
     some = np.flatnonzero((observations.seen & not_as_given).any(axis=(1, 2)))
     given_px = rig.undistort(observations.points2d_px[some])
     undistorted_px[some] = np.where(not_as_given[some][..., None], given_px, undistorted_px[some])

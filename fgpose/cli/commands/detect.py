@@ -248,7 +248,7 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
 def print_views(
     console: Console,
     observations: Observations,
-    flipped: Bool[np.ndarray, "frame camera"],
+    flipped: Bool[np.ndarray, "frame camera joint"],
     problems: Shaped[np.ndarray, "frame camera"],
 ) -> None:
     """For each camera: in how many frames it saw the person, in how many left and right were exchanged, and why 3D is
@@ -256,7 +256,7 @@ def print_views(
     table = new_table("", *observations.camera_names)
     n_seen = observations.seen.any(axis=-1).sum(axis=0)
     table.add_row(f"seen, of {observations.n_frames} frames", *map(str, n_seen.tolist()))
-    table.add_row("left and right exchanged, corrected", *map(str, flipped.sum(axis=0).tolist()))
+    table.add_row("left and right exchanged, corrected", *map(str, flipped.any(axis=2).sum(axis=0).tolist()))
     kinds = [[problem.partition(":")[0] for problem in of_camera] for of_camera in problems.T.tolist()]
     for kind in sorted({kind for of_camera in kinds for kind in of_camera if kind}):
         table.add_row(f"3D missing or uncertain: {kind}", *(str(of_camera.count(kind)) for of_camera in kinds))

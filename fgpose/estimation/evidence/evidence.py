@@ -36,6 +36,7 @@ _OF_VIEWS = (
     "views_m",
     "rays",
     "depth_sigma_m",
+    "sides_exchanged",
 )
 _LEAST_SHARE = 1e-6  # keeps standard deviations finite
 FARTHEST_M = 1e8
@@ -87,8 +88,8 @@ class Evidence:
     fgpose.estimation.visibility.sole_views."""
     delay_s: Float[np.ndarray, "frame camera"]
     """How much later than its frame each image was taken."""
-    sides_exchanged: Bool[np.ndarray, "frame camera"]
-    """The views whose left and right were exchanged, and are as they should be here."""
+    sides_exchanged: Bool[np.ndarray, "frame camera joint"]
+    """The detections that were exchanged with those of the other side, and are as they should be here."""
     implausible: Bool[np.ndarray, " frame"]
     """Whether the detections of a frame make no body: joints tens of metres apart. They are left out."""
     held_m: Float[np.ndarray, "frame joint 3"]

@@ -226,7 +226,7 @@ def _not_known_yet(shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
         "visibility": np.broadcast_to(1.0, shape),
         "off_path_m": np.broadcast_to(np.nan, (n_frames, n_joints, 3)),
         "from_bones": np.broadcast_to(np.False_, (n_frames, n_joints)),
-        "sides_exchanged": np.broadcast_to(np.False_, shape[:2]),
+        "sides_exchanged": np.broadcast_to(np.False_, shape),
         "held_m": np.broadcast_to(np.nan, (n_frames, n_joints, 3)),
         "held_information": np.broadcast_to(0.0, (n_frames, n_joints, 3, 3)),
     }

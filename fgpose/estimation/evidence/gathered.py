@@ -36,7 +36,7 @@ class Gathered:
     """Until it is handed over; see hand_over_guess_m."""
     implausible: Bool[np.ndarray, " frame"]
     """See Evidence."""
-    sides_exchanged: Bool[np.ndarray, "frame camera"]
+    sides_exchanged: Bool[np.ndarray, "frame camera joint"]
     """See Evidence; of the parts that are made again it is not kept."""
     _seen: Bool[np.ndarray, "frame joint"]
     _located: Bool[np.ndarray, "frame joint"]
@@ -62,8 +62,9 @@ class Gathered:
         (n_frames, _, n_joints), time_s = observations.confidence.shape, observations.frame_time_s
         guess_m, (implausible, left_out) = np.empty((n_frames, n_joints, 3)), np.zeros((2, n_frames), dtype=bool)
         seen, located = np.zeros((2, n_frames, n_joints), dtype=bool)
-        said, flipped = credible(observations.confidence, time_s), np.zeros((n_frames, rig.n_cameras), dtype=bool)
-        known = implausible, flipped, seen, located, left_out, said
+        said = credible(observations.confidence, time_s)
+        none_exchanged = np.broadcast_to(np.False_, observations.confidence.shape)
+        known = implausible, none_exchanged, seen, located, left_out, said
         gathered = Gathered(time_s, [guess_m], *known, observations, rig, config)
         n_views, parts = np.empty((n_frames, n_joints), dtype=int), parts_of(n_frames, FRAMES_AT_ONCE)
         for part in parts:
@@ -125,7 +126,7 @@ class Gathered:
         """See Evidence.joints; of all joints of the observations."""
         own = list(joints)
         of_own = {"_guess_m": [self.guess_m[:, own]], "_seen": self._seen[:, own], "_located": self._located[:, own]}
-        return replace(self, **of_own, _joints=tuple(own))
+        return replace(self, **of_own, sides_exchanged=self.sides_exchanged[:, :, own], _joints=tuple(own))
 
     def held(
         self,

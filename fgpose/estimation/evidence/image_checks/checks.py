@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.estimation.evidence.image_checks.flips import correct_flips, with_sides_exchanged
+from fgpose.estimation.evidence.image_checks.flips import correct_flips
 from fgpose.estimation.evidence.image_checks.followed import FollowedViews, views_gone_over
 from fgpose.estimation.evidence.image_checks.running_flips import RunningFlips
+from fgpose.estimation.evidence.image_checks.sides import with_sides_exchanged
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -25,9 +26,9 @@ _GRID_PX = 0.25
 _MOST = 0.5  # of the detections of an image that is new
 
 
-def checked(observations: Observations, rig: CameraRig) -> tuple[Observations, Bool[np.ndarray, "frame camera"]]:
+def checked(observations: Observations, rig: CameraRig) -> tuple[Observations, Bool[np.ndarray, "frame camera joint"]]:
     """A recording without detections that are not of the person at their moment, with left and right of all views as
-    they should be; and the views in which they were exchanged."""
+    they should be; and which detections were exchanged."""
     points_px = observations.points2d_px
     repeated = np.zeros(observations.confidence.shape, dtype=bool)
     repeated[1:] = _repeated(points_px[1:], points_px[:-1], np.zeros(observations.n_cameras, dtype=bool))[0]

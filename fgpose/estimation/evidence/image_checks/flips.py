@@ -1,16 +1,15 @@
-"""Views in which a network has exchanged the left and the right side of the body.
+"""Views in which a network has exchanged the left and the right side of the body, of the arms or of the legs alone.
 
 The forward-backward algorithm (Rabiner 1989) gives the probability that a view is flipped, given the whole recording
 (see flip_model). Where left and right coincide in the image there is no evidence of a flip, and none is found. A body
-that is hallucinated fits neither way: a flip is believed only where the other views confirm it.
+that is hallucinated fits neither way: a flip is believed only where the other views confirm it. Flips of the whole body
+are corrected first; then each set of limbs is judged alone by the same model.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 
 from fgpose.estimation.evidence.image_checks.flip_model import (
     INLIER_PX,
@@ -21,6 +20,14 @@ from fgpose.estimation.evidence.image_checks.flip_model import (
     misfit_of,
     of_states,
     possible_states,
+)
+from fgpose.estimation.evidence.image_checks.sides import (
+    exchanged,
+    exchanged_joints,
+    limb_joints,
+    limbs,
+    sides_of,
+    with_sides_exchanged,
 )
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.geometry.camera import CameraRig
@@ -35,9 +42,10 @@ errors are smaller with it than without."""
 # Of the joints of a view whose sides are apart: so many more fit exchanged than as they are, by the other views. Of
 # hallucinated bodies 0.05 and less, of exchanged ones 0.12 and more.
 _CONFIRMED_SHARE, _APART_M, _FEWEST = 0.1, 0.08, 3
-# With two cameras there is no other view: half of the joints of the limbs have to be judged, and nearly all of them to
-# fit. Of hallucinated bodies 0.32 and more do not, and hallucinated limbs meet by chance in the plane of both cameras.
-_WHOLE, _FITS_SHARE = 6, 0.25
+# With two cameras there is no other view: this share of the joints of the limbs has to be judged, and nearly all of
+# them to fit. Of hallucinated bodies 0.32 and more do not, and hallucinated limbs meet by chance in the plane of both
+# cameras.
+_JUDGED_SHARE, _FITS_SHARE = 0.5, 0.25
 _AROUND_S, _DOUBT = 0.5, 0.5  # of a suspicious frame: flips begin and end where left and right coincide
 _ROUNDS = 3  # in a rig of more than six cameras two flips are found in each
 _TWO = 2
@@ -45,25 +53,26 @@ _FRAMES_AT_ONCE, _MOST_FRAMES = 200, 5000  # bound memory
 _OVERLAP = 100  # frames, of flips that begin before such a part
 
 
-def correct_flips(observations: Observations, rig: CameraRig) -> tuple[Observations, Bool[np.ndarray, "frame camera"]]:
-    """The observations with left and right exchanged in the views that are flipped (flipped_views), and which these
-    are. Raises ValueError: the cameras of the observations and of the rig differ."""
-    flipped = flipped_views(observations, rig)
+def correct_flips(
+    observations: Observations, rig: CameraRig
+) -> tuple[Observations, Bool[np.ndarray, "frame camera joint"]]:
+    """The observations with left and right exchanged where they are flipped (flips), and where that is. Raises
+    ValueError: the cameras of the observations and of the rig differ."""
+    flipped = flips(observations, rig)
     return with_sides_exchanged(observations, flipped) if flipped.any() else observations, flipped
 
 
-def flipped_views(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera"]:
-    """The views whose left and right are exchanged.
+def flips(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera joint"]:
+    """The joints of each view that are exchanged with those of the other side.
 
     A camera can only be judged by others. With one camera nothing is found; with two that disagree, only the frames
-    before and after tell which one is wrong. A view in which only the legs or only the arms are exchanged counts as
-    whichever fits better: that is rare (2 of 1,200 real views), and the robust kernels of the estimator cope with it.
+    before and after tell which one is wrong.
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
     """
     observations.check_cameras(rig.names)
-    flipped = np.zeros((observations.n_frames, observations.n_cameras), dtype=bool)
+    flipped = np.zeros(observations.confidence.shape, dtype=bool)
     if not can_tell(observations.skeleton, rig):
         return flipped
     for start, stop in _suspicious_parts(observations, rig):
@@ -75,17 +84,22 @@ def flipped_views(observations: Observations, rig: CameraRig) -> Bool[np.ndarray
     return flipped
 
 
-def _flips(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera"]:
+def _flips(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera joint"]:
     points_px, weights = limbs(observations, rig)
-    flipped = np.zeros(weights.shape[:2], dtype=bool)
-    # Of a large rig only a few flipped cameras are considered at once; correcting them helps to find the others.
-    for _ in range(_ROUNDS):
-        found = _probability(points_px, weights, observations.frame_time_s, rig) > SURE
-        found = confirmed(points_px, weights, found, rig)
-        if not found.any():
-            break
-        points_px, weights, flipped = _exchanged(points_px, found), _exchanged(weights, found), flipped ^ found
-    return flipped
+    all_sides = sides_of(observations.skeleton)
+    flipped = np.zeros((*weights.shape[:2], len(all_sides)), dtype=bool)
+    for number, sides in enumerate(all_sides):
+        own_px, own = points_px[:, :, sides.pairs], weights[:, :, sides.pairs]
+        # Of a large rig only a few flipped cameras are considered at once; correcting them helps to find the others.
+        for _ in range(_ROUNDS):
+            found = _probability(own_px, own, observations.frame_time_s, rig) > SURE
+            found = confirmed(own_px, own, found, rig)
+            if not found.any():
+                break
+            own_px, own = exchanged(own_px, found), exchanged(own, found)
+            flipped[..., number] ^= found
+        points_px[:, :, sides.pairs], weights[:, :, sides.pairs] = own_px, own
+    return exchanged_joints(flipped, observations.skeleton)
 
 
 def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[tuple[int, int]]:
@@ -95,8 +109,9 @@ def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[tuple[
     for part in parts_of(observations.n_frames, _FRAMES_AT_ONCE):
         points_px, weights = limbs(observations.frames(part), rig)
         shows = weights.any(axis=(2, 3))
-        fits_better = is_suspicious(points_px, _met_m(points_px, weights, rig), rig)
-        suspicious[part] = (shows.sum(axis=1) == _TWO) | fits_better.any(axis=1)
+        met_m, all_sides = _met_m(points_px, weights, rig), sides_of(observations.skeleton)
+        fits_better = [is_suspicious(points_px[:, :, of.pairs], met_m[:, of.pairs], rig) for of in all_sides]
+        suspicious[part] = (shows.sum(axis=1) == _TWO) | np.any(fits_better, axis=(0, 2))
     around_s = time_to_known_s(suspicious[:, None], observations.frame_time_s)[:, 0]
     return stretches(around_s <= _AROUND_S)
 
@@ -120,11 +135,11 @@ def confirmed(
     """Those of the flips, from their beginning to their end, whose views clearly fit the others when exchanged.
 
     Args:
-        points_px, weights: see limbs.
+        points_px, weights: of the limbs that are exchanged together; see limbs.
         found: the views that are flipped.
         rig: the cameras.
     """
-    sure, others_px, others = np.zeros_like(found), _exchanged(points_px, found), _exchanged(weights, found)
+    sure, others_px, others = np.zeros_like(found), exchanged(points_px, found), exchanged(weights, found)
     for camera in np.flatnonzero(found.any(axis=0)).tolist():
         frames = np.flatnonzero(found[:, camera])
         by_others = others[frames]
@@ -137,7 +152,8 @@ def confirmed(
         clear = (judged >= _FEWEST) & (misfit - other_way > _CONFIRMED_SHARE * judged)
         lengths = np.diff(begins, append=len(frames))
         if rig.n_cameras == _TWO:
-            clear &= (judged >= _WHOLE * lengths) & (other_way < _FITS_SHARE * judged)
+            n_joints = np.prod(weights.shape[2:])
+            clear &= (judged >= _JUDGED_SHARE * n_joints * lengths) & (other_way < _FITS_SHARE * judged)
         sure[frames, camera] = np.repeat(clear, lengths)
     return sure
 
@@ -173,37 +189,9 @@ def _misfits(
     return misfit(points_px), misfit(points_px[..., ::-1, :]), judged.sum(axis=(2, 3))
 
 
-def limbs(
-    observations: Observations, rig: CameraRig
-) -> tuple[Float[np.ndarray, "frame camera pair side 2"], Float[np.ndarray, "frame camera pair side"]]:
-    """The undistorted detections of the limbs (see limb_joints), and their weights: the confidence, as a share of what
-    is usual; zero where there is none."""
-    pairs = limb_joints(observations.skeleton)
-    points_px = rig.undistort(observations.points2d_px[:, :, pairs.ravel()])
-    confidence = observations.confidence[:, :, pairs]
-    points_px = points_px.reshape(*confidence.shape, 2)
-    seen = np.isfinite(points_px).all(axis=-1)
-    usual = float(np.median(confidence[seen])) if seen.any() else 1.0
-    return points_px, np.where(seen, np.minimum(confidence / usual, 1.0), 0.0)
-
-
-def _exchanged(
-    of_limbs: Float[np.ndarray, "frame camera pair side *rest"], flipped: Bool[np.ndarray, "frame camera"]
-) -> Float[np.ndarray, "frame camera pair side *rest"]:
-    """With the sides of these views exchanged."""
-    return _in_views(flipped, of_limbs[:, :, :, ::-1], of_limbs)
-
-
-def _in_views(
-    views: Bool[np.ndarray, "frame camera"],
-    there: Shaped[np.ndarray, "frame camera *rest"],
-    elsewhere: Shaped[np.ndarray, "frame camera *rest"],
-) -> Shaped[np.ndarray, "frame camera *rest"]:
-    return np.where(views.reshape(*views.shape, *[1] * (there.ndim - 2)), there, elsewhere)
-
-
 def flip_probability(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
-    """Probability that each view has left and right exchanged; 0 where it sees nothing of the limbs."""
+    """Probability that each view has left and right of the whole body exchanged; 0 where it sees nothing of the
+    limbs."""
     if not can_tell(observations.skeleton, rig):
         return np.zeros((observations.n_frames, rig.n_cameras))
     return _probability(*limbs(observations, rig), observations.frame_time_s, rig)
@@ -238,13 +226,6 @@ def can_tell(skeleton: Skeleton, rig: CameraRig) -> bool:
     return rig.n_cameras >= _TWO and len(limb_joints(skeleton)) > 0
 
 
-def limb_joints(skeleton: Skeleton) -> Int[np.ndarray, "pair side"]:
-    """Left and right joints of the limbs, or of all pairs where a skeleton has no limbs. Faces and fingers are left
-    out: their many joints would outweigh the limbs."""
-    ends = [ends for left, right in skeleton.limb_pairs for ends in zip(left, right, strict=True)]
-    return np.array(list(dict.fromkeys(ends)) or skeleton.left_right, dtype=int).reshape(-1, 2)
-
-
 def _last_seen(seen: Bool[np.ndarray, "frame camera pair side"]) -> Int[np.ndarray, "frame camera pair side"]:
     """The last frame before each in which something was seen; -1 where there is none."""
     frame = np.arange(len(seen))[:, None, None, None]
@@ -267,13 +248,3 @@ def _forward_backward(
     total = forward + backward
     total = np.exp(total - total.max(axis=1, keepdims=True))
     return total / total.sum(axis=1, keepdims=True)
-
-
-def with_sides_exchanged(observations: Observations, flipped: Bool[np.ndarray, "frame camera"]) -> Observations:
-    """The observations with left and right of these views exchanged in all that is known of the joints."""
-    mirror = observations.skeleton.mirror
-
-    def of_other_side(values: np.ndarray) -> np.ndarray:
-        return _in_views(flipped, values[:, :, mirror], values)
-
-    return replace(observations, **observations.per_detection(of_other_side))

@@ -16,15 +16,13 @@ from fgpose.trajectory import Estimate, Trajectory
 
 
 def with_left_out(
-    trajectory: Trajectory, given: Observations, rig: CameraRig, sides_exchanged: Bool[np.ndarray, "frame camera"]
+    trajectory: Trajectory, given: Observations, rig: CameraRig, of_other_side: Bool[np.ndarray, "frame camera joint"]
 ) -> Trajectory:
     """What was estimated from these observations, with visibility and residuals of the detections that were left out or
     taken for those of the other side, where their joint is known."""
     if trajectory.visibility is None or trajectory.residual_px is None:
         return trajectory
     known = np.asarray(np.isfinite(trajectory.positions_m).all(axis=-1))
-    joints = np.arange(given.skeleton.n_joints)
-    of_other_side = sides_exchanged[..., None] & (given.skeleton.mirror != joints)
     left_out = given.seen & (np.isnan(trajectory.visibility) | of_other_side) & known[:, None]
     if not (left_out.any() or of_other_side.any()):
         return trajectory

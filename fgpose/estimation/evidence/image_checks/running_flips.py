@@ -1,4 +1,4 @@
-"""Views in which a network has exchanged left and right, image by image: the same model, forward in time."""
+"""Views in which a network has exchanged left and right, image by image: the model of flips, forward in time."""
 
 from __future__ import annotations
 
@@ -20,8 +20,14 @@ from fgpose.estimation.evidence.image_checks.flips import (
     can_tell,
     confirmed,
     is_suspicious,
+)
+from fgpose.estimation.evidence.image_checks.sides import (
+    Sides,
+    exchanged,
+    exchanged_joints,
     limb_joints,
     limbs,
+    sides_of,
 )
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -33,8 +39,49 @@ _SETTLED = 1e-3  # probability that any view is flipped, at which none is
 
 @dataclass(frozen=True, eq=False)
 class RunningFlips:
-    """What the next images are compared with, by the pairs of limb_joints."""
+    """What the next images are compared with."""
 
+    _of_sides: tuple[_OfSides, ...]
+
+    @staticmethod
+    def none(n_cameras: int, skeleton: Skeleton) -> RunningFlips:
+        """Before the first image."""
+        return RunningFlips(tuple(_OfSides.none(n_cameras, sides) for sides in sides_of(skeleton)))
+
+    def after(
+        self, images: Observations, expected_m: Float[np.ndarray, "joint 3"], rig: CameraRig
+    ) -> tuple[Bool[np.ndarray, "camera joint"], RunningFlips]:
+        """Which joints of the next images are exchanged with those of the other side, and what those after them are
+        compared with.
+
+        Args:
+            images: of one frame.
+            expected_m: where the joints are expected; NaN where that is not known.
+            rig: the cameras.
+        """
+        if not can_tell(images.skeleton, rig):
+            return np.zeros((rig.n_cameras, images.skeleton.n_joints), dtype=bool), self
+        flipped = np.zeros((rig.n_cameras, len(self._of_sides)), dtype=bool)
+        time_s, of_sides = float(images.frame_time_s[0]), list[_OfSides]()
+        points_px, weights = limbs(images, rig)
+        limbs_m = expected_m[limb_joints(images.skeleton)]
+        for number, each in enumerate(self._of_sides):
+            own = each.sides.pairs
+            seen = points_px[0][:, own], weights[0][:, own]
+            found, after = each.after(*seen, time_s, limbs_m[own], rig)
+            of_sides.append(after)
+            flipped[:, number] = found
+            if found.any():
+                points_px[:, :, own] = exchanged(points_px[:, :, own], found[None])
+                weights[:, :, own] = exchanged(weights[:, :, own], found[None])
+        return exchanged_joints(flipped, images.skeleton), RunningFlips(tuple(of_sides))
+
+
+@dataclass(frozen=True, eq=False)
+class _OfSides:
+    """The same of joints that are exchanged together, where those of the whole body are as they should be."""
+
+    sides: Sides
     log_belief: Float[np.ndarray, " state"]
     """Log probability of each of possible_states, by all images so far."""
     before_px: Float[np.ndarray, "camera pair side 2"]
@@ -47,33 +94,29 @@ class RunningFlips:
     """Of the newest image."""
 
     @staticmethod
-    def none(n_cameras: int, skeleton: Skeleton) -> RunningFlips:
+    def none(n_cameras: int, sides: Sides) -> _OfSides:
         """Before the first image."""
-        zero = np.zeros((n_cameras, *limb_joints(skeleton).shape))
+        zero = np.zeros((n_cameras, len(sides.pairs), 2))
         prior = log_prior(possible_states(n_cameras))
-        return RunningFlips(prior, np.full((*zero.shape, 2), np.nan), zero, zero - np.inf, -np.inf)
+        return _OfSides(sides, prior, np.full((*zero.shape, 2), np.nan), zero, zero - np.inf, -np.inf)
 
     def after(
-        self, images: Observations, expected_m: Float[np.ndarray, "joint 3"], rig: CameraRig
-    ) -> tuple[Bool[np.ndarray, " camera"], RunningFlips]:
-        """In which of the next images sides are exchanged, and what those after them are compared with.
-
-        Args:
-            images: of one frame.
-            expected_m: where the joints are expected; NaN where that is not known.
-            rig: the cameras.
-        """
-        time_s = float(images.frame_time_s[0])
-        (points_px,), (weights,) = limbs(images, rig)
+        self,
+        points_px: Float[np.ndarray, "camera pair side 2"],
+        weights: Float[np.ndarray, "camera pair side"],
+        time_s: float,
+        expected_m: Float[np.ndarray, "pair side 3"],
+        rig: CameraRig,
+    ) -> tuple[Bool[np.ndarray, " camera"], _OfSides]:
+        """In which of the next images they are exchanged."""
         seen, shows = weights > 0, weights.any(axis=(1, 2))
         belief, flipped = self.log_belief, np.zeros(rig.n_cameras, dtype=bool)
-        limbs_m = expected_m[limb_joints(images.skeleton)]
-        if can_tell(images.skeleton, rig) and self._may_be_flipped(points_px, limbs_m, rig):
+        if self._may_be_flipped(points_px, expected_m, rig):
             belief, flipped = self._judged(points_px, weights, time_s, rig)
         before_px = np.where(seen[..., None], points_px, self.before_px)
         before_weights = np.where(seen, weights, self.before_weights)
-        before_s = np.where(seen, time_s, self.before_s)
-        return flipped & shows, RunningFlips(belief, before_px, before_weights, before_s, max(time_s, self.time_s))
+        before_s, newest_s = np.where(seen, time_s, self.before_s), max(time_s, self.time_s)
+        return flipped & shows, _OfSides(self.sides, belief, before_px, before_weights, before_s, newest_s)
 
     def _may_be_flipped(
         self,

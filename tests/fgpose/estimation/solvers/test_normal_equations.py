@@ -394,7 +394,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         depth_sigma_m=np.zeros((1, 0, 17)),
         from_bones=np.zeros((1, 17), dtype=bool),
         delay_s=np.zeros((1, 2)),
-        sides_exchanged=np.zeros((1, 2), dtype=bool),
+        sides_exchanged=np.zeros((1, 2, 17), dtype=bool),
         implausible=np.zeros(1, dtype=bool),
         held_m=np.full((1, 17, 3), np.nan),
         held_information=np.zeros((1, 17, 3, 3)),
