@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.estimation.evidence.image_checks.flips import correct_flips
 from fgpose.estimation.evidence.image_checks.followed import FollowedViews, views_gone_over
+from fgpose.estimation.evidence.image_checks.on_other_side import RunningOtherSide, on_other_side
 from fgpose.estimation.evidence.image_checks.running_flips import RunningFlips
 from fgpose.estimation.evidence.image_checks.sides import with_sides_exchanged
 from fgpose.geometry.camera import CameraRig
@@ -34,6 +35,7 @@ def checked(observations: Observations, rig: CameraRig) -> tuple[Observations, B
     repeated[1:] = _repeated(points_px[1:], points_px[:-1], np.zeros(observations.n_cameras, dtype=bool))[0]
     new = observations.without(repeated)
     corrected, flipped = correct_flips(new, rig)
+    corrected = corrected.without(on_other_side(corrected, rig))
     return without_views(corrected, views_gone_over(corrected, rig)), flipped
 
 
@@ -46,6 +48,7 @@ class ImageChecks:
     is_new: Bool[np.ndarray, " camera"]
     """Whether that was another one than before it."""
     flips: RunningFlips
+    other_side: RunningOtherSide
     followed: FollowedViews
     """By the joints of the body, without hands and face."""
 
@@ -53,8 +56,9 @@ class ImageChecks:
     def none(n_cameras: int, skeleton: Skeleton) -> ImageChecks:
         """Before the first image."""
         before_px = np.full((n_cameras, skeleton.n_joints, 2), np.nan)
-        flips, followed = RunningFlips.none(n_cameras, skeleton), FollowedViews.none(n_cameras, len(skeleton.body))
-        return ImageChecks(before_px, np.zeros(n_cameras, dtype=bool), flips, followed)
+        sides = RunningFlips.none(n_cameras, skeleton), RunningOtherSide.none(n_cameras, skeleton)
+        followed = FollowedViews.none(n_cameras, len(skeleton.body))
+        return ImageChecks(before_px, np.zeros(n_cameras, dtype=bool), *sides, followed)
 
     def checked(
         self, images: Observations, expected_m: Callable[[float], Float[np.ndarray, "joint 3"]], rig: CameraRig
@@ -73,11 +77,14 @@ class ImageChecks:
         flipped, flips = self.flips.after(new, of_all_m, rig)
         if flipped.any():
             new = with_sides_exchanged(new, flipped[None])
+        on_other, other_side = self.other_side.after(new, of_all_m, rig)
+        new = new.without(on_other[None])
         of_body_px = rig.undistort(new.points2d_px[0][:, body])
         followed = self.followed.after(of_body_px, time_s, of_body_m, rig)
         shows = images.seen[0].any(axis=-1)
         before_px = np.where(shows[:, None, None], images.points2d_px[0], self.before_px)
-        return without_views(new, followed.gone_over[None]), ImageChecks(before_px, is_new[0], flips, followed)
+        after = ImageChecks(before_px, is_new[0], flips, other_side, followed)
+        return without_views(new, followed.gone_over[None]), after
 
 
 def _repeated(

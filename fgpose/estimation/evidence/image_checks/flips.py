@@ -8,6 +8,8 @@ are corrected first; then each set of limbs is judged alone by the same model.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -22,6 +24,7 @@ from fgpose.estimation.evidence.image_checks.flip_model import (
     possible_states,
 )
 from fgpose.estimation.evidence.image_checks.sides import (
+    Sides,
     exchanged,
     exchanged_joints,
     limb_joints,
@@ -110,20 +113,21 @@ def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[tuple[
         points_px, weights = limbs(observations.frames(part), rig)
         shows = weights.any(axis=(2, 3))
         met_m, all_sides = _met_m(points_px, weights, rig), sides_of(observations.skeleton)
-        fits_better = [is_suspicious(points_px[:, :, of.pairs], met_m[:, of.pairs], rig) for of in all_sides]
-        suspicious[part] = (shows.sum(axis=1) == _TWO) | np.any(fits_better, axis=(0, 2))
+        suspicious[part] = (shows.sum(axis=1) == _TWO) | suspicious_sides(points_px, met_m, rig, all_sides).any((1, 2))
     around_s = time_to_known_s(suspicious[:, None], observations.frame_time_s)[:, 0]
     return stretches(around_s <= _AROUND_S)
 
 
-def is_suspicious(
+def suspicious_sides(
     points_px: Float[np.ndarray, "frame camera pair side 2"],
     positions_m: Float[np.ndarray, "frame pair side 3"],
     rig: CameraRig,
-) -> Bool[np.ndarray, "frame camera"]:
-    """Which views fit limbs at these positions better with left and right exchanged."""
+    all_sides: Sequence[Sides],
+) -> Bool[np.ndarray, "frame camera sides"]:
+    """Which views fit limbs at these positions better with which of these sides exchanged."""
     misfit, other_way, _ = _misfits(points_px, positions_m, rig)
-    return np.asarray(misfit - other_way > _DOUBT)
+    better = misfit - other_way
+    return np.stack([better[:, :, sides.pairs].sum(axis=2) > _DOUBT for sides in all_sides], axis=2)
 
 
 def confirmed(
@@ -146,7 +150,7 @@ def confirmed(
         if rig.n_cameras > _TWO:
             by_others[:, camera] = 0.0
         met_m = _met_m(others_px[frames], by_others, rig)
-        misfits = (each[:, camera] for each in _misfits(points_px[frames], met_m, rig))
+        misfits = (each[:, camera].sum(axis=1) for each in _misfits(points_px[frames], met_m, rig))
         begins = np.flatnonzero(np.diff(frames, prepend=-_TWO) > 1)
         misfit, other_way, judged = (np.add.reduceat(each, begins) for each in misfits)
         clear = (judged >= _FEWEST) & (misfit - other_way > _CONFIRMED_SHARE * judged)
@@ -173,7 +177,9 @@ def _misfits(
     points_px: Float[np.ndarray, "frame camera pair side 2"],
     positions_m: Float[np.ndarray, "frame pair side 3"],
     rig: CameraRig,
-) -> tuple[Float[np.ndarray, "frame camera"], Float[np.ndarray, "frame camera"], Int[np.ndarray, "frame camera"]]:
+) -> tuple[
+    Float[np.ndarray, "frame camera pair"], Float[np.ndarray, "frame camera pair"], Int[np.ndarray, "frame camera pair"]
+]:
     """How many joints of each view do not fit limbs at these positions, as they are and with left and right exchanged;
     those that fit roughly count in part. And of how many, whose sides are apart in the image."""
     joints_m = positions_m.reshape(len(positions_m), -1, 3)
@@ -182,11 +188,11 @@ def _misfits(
     apart_m = np.linalg.norm(projected_px[..., 0, :] - projected_px[..., 1, :], axis=-1, keepdims=True) / px_per_m
     judged = np.asarray(np.isfinite(points_px).all(axis=(-1, -2)))[..., None] & (apart_m > _APART_M)
 
-    def misfit(seen_px: np.ndarray) -> Float[np.ndarray, "frame camera"]:
+    def misfit(seen_px: np.ndarray) -> Float[np.ndarray, "frame camera pair"]:
         off_m = np.linalg.norm(projected_px - seen_px, axis=-1) / px_per_m
-        return np.asarray(np.where(judged, misfit_of(off_m), 0.0).sum(axis=(2, 3)))
+        return np.asarray(np.where(judged, misfit_of(off_m), 0.0).sum(axis=3))
 
-    return misfit(points_px), misfit(points_px[..., ::-1, :]), judged.sum(axis=(2, 3))
+    return misfit(points_px), misfit(points_px[..., ::-1, :]), judged.sum(axis=3)
 
 
 def flip_probability(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:

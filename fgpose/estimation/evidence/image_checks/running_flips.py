@@ -19,7 +19,7 @@ from fgpose.estimation.evidence.image_checks.flips import (
     SURE,
     can_tell,
     confirmed,
-    is_suspicious,
+    suspicious_sides,
 )
 from fgpose.estimation.evidence.image_checks.sides import (
     Sides,
@@ -65,10 +65,12 @@ class RunningFlips:
         time_s, of_sides = float(images.frame_time_s[0]), list[_OfSides]()
         points_px, weights = limbs(images, rig)
         limbs_m = expected_m[limb_joints(images.skeleton)]
+        suspicious = suspicious_sides(points_px, limbs_m[None], rig, sides_of(images.skeleton)).any(axis=(0, 1))
+        suspicious |= not np.isfinite(limbs_m).any()
         for number, each in enumerate(self._of_sides):
             own = each.sides.pairs
             seen = points_px[0][:, own], weights[0][:, own]
-            found, after = each.after(*seen, time_s, limbs_m[own], rig)
+            found, after = each.after(*seen, time_s, rig, is_suspicious=bool(suspicious[number]))
             of_sides.append(after)
             flipped[:, number] = found
             if found.any():
@@ -105,28 +107,19 @@ class _OfSides:
         points_px: Float[np.ndarray, "camera pair side 2"],
         weights: Float[np.ndarray, "camera pair side"],
         time_s: float,
-        expected_m: Float[np.ndarray, "pair side 3"],
         rig: CameraRig,
+        *,
+        is_suspicious: bool,
     ) -> tuple[Bool[np.ndarray, " camera"], _OfSides]:
         """In which of the next images they are exchanged."""
         seen, shows = weights > 0, weights.any(axis=(1, 2))
         belief, flipped = self.log_belief, np.zeros(rig.n_cameras, dtype=bool)
-        if self._may_be_flipped(points_px, expected_m, rig):
+        if is_suspicious or -np.expm1(self.log_belief[0]) >= _SETTLED:
             belief, flipped = self._judged(points_px, weights, time_s, rig)
         before_px = np.where(seen[..., None], points_px, self.before_px)
         before_weights = np.where(seen, weights, self.before_weights)
         before_s, newest_s = np.where(seen, time_s, self.before_s), max(time_s, self.time_s)
         return flipped & shows, _OfSides(self.sides, belief, before_px, before_weights, before_s, newest_s)
-
-    def _may_be_flipped(
-        self,
-        points_px: Float[np.ndarray, "camera pair side 2"],
-        expected_m: Float[np.ndarray, "pair side 3"],
-        rig: CameraRig,
-    ) -> bool:
-        is_settled = -np.expm1(self.log_belief[0]) < _SETTLED
-        unknown = not np.isfinite(expected_m).any()
-        return not is_settled or unknown or bool(is_suspicious(points_px[None], expected_m[None], rig).any())
 
     def _judged(
         self,

@@ -26,14 +26,10 @@ class Sides:
 @lru_cache(maxsize=16)
 def sides_of(skeleton: Skeleton) -> tuple[Sides, ...]:
     """The whole body, then the limbs that are joined: the arms, and the legs."""
-    own, first = np.arange(skeleton.n_joints), limb_joints(skeleton)[:, 0]
-    whole, sets = Sides(np.arange(len(first)), skeleton.mirror != own), _joined_limbs(skeleton)
+    first, sets = limb_joints(skeleton)[:, 0], [sorted(limbs) for limbs in _joined_limbs(skeleton)]
+    whole = Sides(np.arange(len(first)), skeleton.mirror != np.arange(skeleton.n_joints))
     alone = [
-        Sides(
-            np.flatnonzero(np.isin(first, list(limbs))),
-            whole.joints & np.isin(own, _with_what_hangs_on(limbs, skeleton)),
-        )
-        for limbs in sets
+        Sides(np.flatnonzero(np.isin(first, limbs)), whole.joints & np.isin(of_limb(skeleton), limbs)) for limbs in sets
     ]
     return whole, *(alone if len(alone) > 1 else ())
 
@@ -48,16 +44,23 @@ def _joined_limbs(skeleton: Skeleton) -> list[set[int]]:
     return sets
 
 
-def _with_what_hangs_on(limbs: set[int], skeleton: Skeleton) -> list[int]:
-    """The joints of limbs with those beyond their ends: of hands and feet."""
+@lru_cache(maxsize=16)
+def of_limb(skeleton: Skeleton) -> Int[np.ndarray, " joint"]:
+    """The joint of limb_joints that each joint is or hangs on, as fingers on a wrist; -1: none."""
+    limbs = set(limb_joints(skeleton).ravel().tolist())
     ends = limbs - {a for a, b in skeleton.bones if a in limbs and b in limbs}
-    beyond = set(ends)
     links = [*skeleton.bones, *((part.hangs_on[0], joint) for part in skeleton.parts for joint in part.joints)]
-    while more := {b for a, b in links if a in beyond} - beyond - limbs:
-        beyond |= more
-    return sorted(limbs | beyond)
+    on = np.full(skeleton.n_joints, -1)
+    on[list(limbs)] = list(limbs)
+    for end in ends:
+        beyond = {end}
+        while more := {b for a, b in links if a in beyond} - beyond - limbs:
+            beyond |= more
+        on[list(beyond)] = end
+    return on
 
 
+@lru_cache(maxsize=16)
 def limb_joints(skeleton: Skeleton) -> Int[np.ndarray, "pair side"]:
     """Left and right joints of the limbs, or of all pairs where a skeleton has no limbs. Faces and fingers are left
     out: their many joints would outweigh the limbs."""
@@ -86,9 +89,7 @@ def exchanged(
     return _in_views(flipped, of_limbs[:, :, :, ::-1], of_limbs)
 
 
-def exchanged_joints(
-    flipped: Bool[np.ndarray, "*views sides"], skeleton: Skeleton
-) -> Bool[np.ndarray, "*views joint"]:
+def exchanged_joints(flipped: Bool[np.ndarray, "*views sides"], skeleton: Skeleton) -> Bool[np.ndarray, "*views joint"]:
     """The joints that are exchanged where these of sides_of are, one after the other. Those of no limb, as of the face,
     are where all limbs are: too near to each other to be judged."""
     whole, *alone = sides_of(skeleton)
