@@ -107,6 +107,22 @@ def test_what_is_hidden_is_wrong_or_missing(what: str) -> None:
     assert not (recording.oracle_observations.seen & hidden).any()
 
 
+@pytest.mark.parametrize(
+    ("what", "joints"),
+    [
+        ("legs", {"left_hip", "left_knee", "left_ankle", "right_hip", "right_knee", "right_ankle"}),
+        ("arms", {"left_shoulder", "left_elbow", "left_wrist", "right_shoulder", "right_elbow", "right_wrist"}),
+        ("both legs on one", {"right_hip", "right_knee", "right_ankle"}),
+    ],
+)
+def test_sides_that_are_taken_for_each_other(what: str, joints: set[str]) -> None:
+    recording = record(replace(SIMPLE, swapped_s=2.0, swapped_are=what))
+    plain, skeleton = record(SIMPLE), recording.observations.skeleton
+    usual_px = np.nanmedian(errors_px(plain), axis=(0, 1))
+    off = np.nanmax(errors_px(recording), axis=(0, 1)) > 10 * usual_px
+    assert {skeleton.joints[joint] for joint in np.flatnonzero(off)} == joints
+
+
 def test_hidden_and_visible_last_as_long_as_they_should() -> None:
     on = switching(np.random.default_rng(0), (20000, 20), fps=50.0, on_s=0.3, off_s=1.0)
     assert on.mean() == pytest.approx(0.3 / 1.3, rel=0.05)

@@ -47,6 +47,8 @@ _OPTIONS: dict[str, Sequence[Any]] = {
     "views3d": ("none", "none", "on the rays", "of their own"),
     "depth_m": (0.03, 0.1),
     "stature_share": (0.0, 0.05),
+    # Drawn last: what was drawn before it came stays the same.
+    "swapped_are": ("whole body", "whole body", "legs", "arms", "both legs on one"),
 }
 
 
@@ -97,7 +99,7 @@ class Conditions:
     """Where detections of hidden joints are."""
     hidden_confidence: float
     swapped_s: float
-    """Mean time for which left and right are exchanged in a view, every four seconds; 0: never."""
+    """Mean time for which sides are taken for each other in a view, every four seconds; 0: never."""
     confidence: str
     """What it tells."""
     outlier_share: float
@@ -114,6 +116,8 @@ class Conditions:
     """SD of their depth, body and joint."""
     stature_share: float
     """SD of how much larger each view takes the person to be, and so farther away."""
+    swapped_are: str
+    """Which sides are exchanged; with both legs on one, the right one is detected where the left one is."""
 
     def unusual(self) -> str:
         """What goes wrong, in words for one line."""

@@ -25,6 +25,7 @@ _SMALL = 0.25
 _NEAREST_M = 0.1
 
 _LIMBS = (("elbow", "wrist"), ("knee", "ankle"))
+_ARM, _LEG = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle")
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +172,15 @@ def _swapped(
     if not conditions.swapped_s:
         return np.zeros(shape, dtype=bool), other
     now = switching(rng, shape[:2], conditions.fps, conditions.swapped_s, _SWAPPED_EVERY_S)
-    return now[..., None] & (np.array(other) != np.arange(shape[2])), other
+    own = [other[joint] != joint and _is_swapped(name, conditions) for joint, name in enumerate(skeleton.joints)]
+    return now[..., None] & np.array(own), other
+
+
+def _is_swapped(joint: str, conditions: Conditions) -> bool:
+    if conditions.swapped_are == "whole body":
+        return True
+    is_of_one = conditions.swapped_are != "both legs on one" or joint.startswith("right_")
+    return is_of_one and joint.endswith(_ARM if conditions.swapped_are == "arms" else _LEG)
 
 
 def _within_image(
