@@ -16,6 +16,7 @@ from fgpose.io.keypoints import deeplabcut, freemocap, live_files
 from fgpose.io.keypoints.camera_files import read_document, reader_of, stated_joints
 from fgpose.io.keypoints.detections import Provenance, read_json
 from fgpose.io.keypoints.image_files import image_format
+from fgpose.io.keypoints.networks.network_files import is_of_network, joints_of
 from fgpose.io.keypoints.recording_files import SKELETON, is_parquet, is_recording
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
 from fgpose.io.live.recordings import LiveRecordingFile
@@ -39,8 +40,8 @@ def stated_skeleton(path: Path) -> Skeleton:
     """The skeleton of keypoints of any format that load_observations reads.
 
     Our own files hold it, the recording of a live system too; MMPose's ``meta_info`` and DeepLabCut's header have the
-    names of the joints, and FreeMoCap's points are MediaPipe's. OpenPose, Pose2Sim, AlphaPose and COCO results have
-    their number only: where one skeleton of 2D networks has it, it is taken.
+    names of the joints, and FreeMoCap's points are MediaPipe's. OpenPose, Pose2Sim, AlphaPose, COCO results, SAM 3D
+    Body and NLF have their number only: where one skeleton, of 2D networks for 2D keypoints, has it, it is taken.
 
     Raises:
         ValueError: the file does not say it; the message names those that have as many joints. A file is damaged.
@@ -90,7 +91,10 @@ def _of_recording(path: Path) -> Skeleton:
 def _of_cameras(path: Path) -> Skeleton:
     """Of files of other programs: by what the first one that shows somebody says."""
     for name, source in keypoint_sources(path).items():
-        said = _of_images(source) if source.is_dir() else _of_camera(Provenance(source, name))
+        if is_of_network(source):
+            said = _of_network(source)
+        else:
+            said = _of_images(source) if source.is_dir() else _of_camera(Provenance(source, name))
         if said is None:
             continue
         format_name, n_joints, fitting = said
@@ -111,6 +115,11 @@ def _of_cameras(path: Path) -> Skeleton:
 
 _Said = tuple[str, int, tuple[str, ...]]
 """A format; how many joints there are, 0 where their names are known; the skeletons that may be meant."""
+
+
+def _of_network(source: Path) -> _Said | None:
+    network, n_joints = joints_of(source)
+    return (network, n_joints, skeletons_with(n_joints)) if n_joints else None
 
 
 def _of_images(folder: Path) -> _Said | None:

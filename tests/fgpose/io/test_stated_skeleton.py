@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from network_outputs import save_npz, save_pickle, save_torch, stacked
 
 import fgpose
 from fgpose.cli import main
@@ -99,6 +100,39 @@ def write_deeplabcut(folder: Path, n_joints: int) -> None:
         (folder / f"{name}.csv").write_text("\n".join(map(",".join, rows)) + "\n")
 
 
+def sam3d(n_joints: int) -> dict[str, Any]:
+    """What SAM 3D Body finds of somebody in an image. The vertices, which are more, are no joints."""
+    rng = np.random.default_rng(0)
+    found = {"pred_vertices": (50, 3), "pred_keypoints_3d": (n_joints, 3), "pred_keypoints_2d": (n_joints, 2)}
+    return {"focal_length": 900.0, "pred_cam_t": np.array([0.0, 0.0, 4.0])} | {
+        key: rng.uniform(100, 900, shape) for key, shape in found.items()
+    }
+
+
+def write_sam3d(folder: Path, n_joints: int) -> None:
+    """A pickle for each image; the first shows nobody."""
+    for name in RIG.names:
+        (folder / name).mkdir()
+        for frame in range(N_FRAMES):
+            save_pickle([sam3d(n_joints)] if frame else [], folder / name / f"{frame:06d}.pkl")
+
+
+def write_sam3d_npz(folder: Path, n_joints: int) -> None:
+    for name in RIG.names:
+        save_npz(stacked([sam3d(n_joints)] * N_FRAMES), folder / f"{name}.npz")
+
+
+def write_nlf(folder: Path, n_joints: int) -> None:
+    """A file of torch for each camera; the first image shows nobody."""
+    rng = np.random.default_rng(0)
+    people = [
+        {"joints3d": rng.normal(size=(n, n_joints, 3)), "joints2d": rng.uniform(100, 900, (n, n_joints, 2))}
+        for n in (0, 1, 1, 1)
+    ]
+    for name in RIG.names:
+        save_torch({key: [each[key] for each in people] for key in people[0]}, folder / f"{name}.pt")
+
+
 HALPE = {"keypoint_id2name": dict(enumerate(fgpose.load_skeleton("halpe_26").joints))}
 STATED = {
     "MMPose, names": (of_each_camera(mmpose(HALPE)), 26, "halpe_26"),
@@ -115,11 +149,17 @@ BY_NUMBER = {
     "MMPose": (of_each_camera(mmpose(None)), 133, "coco_wholebody_133"),
     "COCO results": (of_each_camera(coco_results), 17, "coco_17"),
 }
+OF_NETWORKS = {
+    "SAM 3D Body": (write_sam3d, 70, "mhr_70"),
+    "SAM 3D Body, npz": (write_sam3d_npz, 70, "mhr_70"),
+    "NLF": (write_nlf, 24, "smpl_24"),
+}
 NOT_SAID = {
     "OpenPose of 25": (write_openpose, 25, "of 25 joints is body_25 or body_25b"),
     "MMPose of 17": (write_mmpose_images, 17, "of 17 joints is coco_17 or h36m_17 or h36m_17_lt"),
     "MeTRAbs": (of_each_camera(metrabs), 24, "of 24 joints is smpl_24"),
     "nobody": (of_each_camera(lambda _: {"instance_info": [{"frame_id": 0, "instances": []}]}), 17, "it shows nobody"),
+    "NLF of SMPL-X": (write_nlf, 55, "fgpose skeletons lists those there are"),
     "of no skeleton": (write_openpose, 7, "fgpose skeletons lists those there are"),
     "other points": (write_freemocap, 21, "fgpose skeletons lists those there are"),
     "other names": (write_deeplabcut, 3, "fgpose skeletons lists those there are"),
@@ -145,6 +185,14 @@ def test_the_number_of_joints_is_taken_where_it_tells_and_that_is_said(case: str
         warnings.simplefilter("ignore", UserWarning)  # of 133 joints, and of what is not said
         assert load_people(tmp_path, RIG, fps=50.0).skeleton == fgpose.load_skeleton(skeleton)
         assert load_uncalibrated(tmp_path, fps=50.0).skeleton == fgpose.load_skeleton(skeleton)
+
+
+@pytest.mark.parametrize("case", OF_NETWORKS)
+def test_the_number_of_joints_of_a_network_is_taken_and_that_is_said(case: str, tmp_path: Path) -> None:
+    write, n_joints, skeleton = OF_NETWORKS[case]
+    write(tmp_path, n_joints)
+    with pytest.warns(UserWarning, match=f"the {n_joints} joints of .* are taken for those of {skeleton}; if they"):
+        assert stated_skeleton(tmp_path) == fgpose.load_skeleton(skeleton)
 
 
 @pytest.mark.parametrize("case", NOT_SAID)

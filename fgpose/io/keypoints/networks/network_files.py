@@ -8,7 +8,7 @@ from typing import Any
 
 from fgpose.io.keypoints.detections import CameraDetections, Provenance
 from fgpose.io.keypoints.networks.documents import is_document_of_network, read_document
-from fgpose.io.keypoints.networks.people import MARKS, USED_KEYS, image_of, images_of, is_of_one_image
+from fgpose.io.keypoints.networks.people import MARKS, USED_KEYS, image_of, images_of, is_of_one_image, joints_in
 from fgpose.io.names import camera_name, frame_numbers, not_hidden
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
@@ -25,12 +25,23 @@ def is_of_network(source: Path) -> bool:
         ValueError: an npz is damaged; the message names it.
         OSError: it cannot be read.
     """
-    paths = _files(source)
-    if not paths:
+    largest = _largest(source)
+    if largest is None:
         return False
-    largest = max(paths, key=lambda path: path.stat().st_size)
     with naming(largest):
         return is_document_of_network(largest, MARKS)
+
+
+def joints_of(source: Path) -> tuple[str, int]:
+    """The name of the network and the number of its joints, by the largest file of the source of a camera; 0: it shows
+    nobody. Raises as read."""
+    largest = _largest(source)
+    return ("", 0) if largest is None else joints_in(_document(Provenance(largest, camera_name(source.stem))))
+
+
+def _largest(source: Path) -> Path | None:
+    """The file that most likely shows somebody."""
+    return max(_files(source), key=lambda path: path.stat().st_size, default=None)
 
 
 def is_binary(path: Path) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -60,16 +60,37 @@ class _Person:
 
 def network_of(document: Any, deepest: int = _DEEPEST) -> Network | None:
     """The network whose outputs are somewhere in a document; None: of none that is known."""
+    return next((network for network, _ in _outputs(document, deepest)), None)
+
+
+def joints_in(document: Any) -> tuple[str, int]:
+    """The network whose outputs are in a document, and how many joints its bodies have; 0: it shows nobody."""
+    found = ((network.name, _n_joints(outputs[network.joints3d])) for network, outputs in _outputs(document, _DEEPEST))
+    return next(((name, n_joints) for name, n_joints in found if n_joints), ("", 0))
+
+
+def _outputs(document: Any, deepest: int) -> Iterator[tuple[Network, Mapping[Any, Any]]]:
+    """All parts of a document with the outputs of a network that is known."""
+    parts: Iterable[Any] = ()
     if isinstance(document, Mapping):
         found = next((each for each in NETWORKS if _is_of(document, each)), None)
-        parts: Iterable[Any] = document.values()
+        if found is not None:
+            yield found, document
+            return
+        parts = document.values()
     elif isinstance(document, Sequence) and not isinstance(document, str | bytes):
-        found, parts = None, document
-    else:
-        return None
-    if found is None and deepest:
-        found = next((each for part in parts if (each := network_of(part, deepest - 1)) is not None), None)
-    return found
+        parts = document
+    if deepest:
+        for part in parts:
+            yield from _outputs(part, deepest - 1)
+
+
+def _n_joints(joints: Any) -> int:
+    """Of the first body in an array, or in lists of arrays."""
+    array = as_array(joints)
+    if array is not None and array.ndim > 1:
+        return array.shape[-2]
+    return next(filter(None, map(_n_joints, joints)), 0) if isinstance(joints, list | tuple) else 0
 
 
 def _is_of(document: Mapping[Any, Any], network: Network) -> bool:
