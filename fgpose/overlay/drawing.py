@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from fgpose.geometry.camera import Camera
 from fgpose.skeleton import Skeleton
@@ -13,6 +13,7 @@ from fgpose.trajectory import Status
 from fgpose.viewer.rerun.palette import Colour, person_colour
 
 _OUTLINE: Colour = (0, 0, 0)
+_OF_ELLIPSES: Colour = (255, 255, 255)  # no person's
 _STEP_M = 1e-4  # for derivatives of the projection, whose curvature does not matter at this distance
 _CONFIDENCE_95 = 2.4477  # root of the 95 % quantile of chi-square with 2 degrees of freedom
 _SHIFT = 4  # OpenCV's fractional bits of coordinates
@@ -35,7 +36,7 @@ class Drawing:
     Args:
         skeleton: of the people.
         ellipses: where a joint is with 95 %, as an ellipse around it.
-        numbers: the number of each person above the head.
+        numbers: the number of each person above the topmost joint that is observed.
     """
 
     def __init__(self, skeleton: Skeleton, *, ellipses: bool, numbers: bool) -> None:
@@ -56,11 +57,6 @@ class Drawing:
         points_px[~(np.abs(points_px - [width / 2, height / 2]) < 2 * max(width, height)).all(axis=-1)] = np.nan
         colour, thin = person_colour(pose.person), max(1, round(height / 400))
         predicted = np.asarray(pose.status) != Status.OBSERVED
-        if self._ellipses and pose.covariance_m2 is not None:
-            jacobian = scale * _jacobian(camera, pose.positions_m)
-            covariances_px2 = np.einsum("jai,jik,jbk->jab", jacobian, pose.covariance_m2, jacobian)
-            for point_px, covariance_px2 in zip(points_px, covariances_px2, strict=True):
-                _ellipse(image, point_px, covariance_px2, colour, thin)
         bones = (*self._skeleton.bones, *self._skeleton.lines)
         for fill, width_px in ((_OUTLINE, thin + 2), (colour, thin)):
             for start, end in bones:
@@ -68,8 +64,25 @@ class Drawing:
                 _line(image, points_px[[start, end]], fill, width_px, 6 * thin if dashed else None)
         for point_px, hollow in zip(points_px, predicted, strict=True):
             _dot(image, point_px, _OUTLINE if hollow else colour, colour, thin)
-        if self._numbers and np.isfinite(points_px).any():
-            _text(image, f"{pose.person}", np.nanmin(points_px, axis=0) - [0, 4 * thin], colour, thin)
+        # Above the dots, which cover those of well known joints.
+        if self._ellipses and pose.covariance_m2 is not None:
+            jacobian = scale * _jacobian(camera, pose.positions_m)
+            covariances_px2 = np.einsum("jai,jik,jbk->jab", jacobian, pose.covariance_m2, jacobian)
+            fine = (thin + 1) // 2
+            for fill, width_px in ((_OUTLINE, fine + 1), (_OF_ELLIPSES, fine)):
+                for point_px, covariance_px2 in zip(points_px, covariances_px2, strict=True):
+                    _ellipse(image, point_px, covariance_px2, fill, width_px)
+        if self._numbers and (top_px := _top(points_px, predicted, (width, height))) is not None:
+            _number(image, f"{pose.person}", top_px, colour, thin)
+
+
+def _top(
+    points_px: Float[np.ndarray, "joint 2"], predicted: Bool[np.ndarray, " joint"], size_px: tuple[int, int]
+) -> Float[np.ndarray, " 2"] | None:
+    """The topmost joint in the image, of those that are observed if there are any: others may be far from the body."""
+    inside = ((points_px >= 0) & (points_px < size_px)).all(axis=-1)
+    chosen = points_px[inside & ~predicted] if (inside & ~predicted).any() else points_px[inside]
+    return chosen[chosen[:, 1].argmin()] if len(chosen) else None
 
 
 def caption(image: UInt8[np.ndarray, "height width 3"], text: str) -> None:
@@ -86,7 +99,7 @@ def _jacobian(camera: Camera, positions_m: Float[np.ndarray, "joint 3"]) -> Floa
 
 
 def _ellipse(
-    image: np.ndarray, point_px: np.ndarray, covariance_px2: Float[np.ndarray, "2 2"], colour: Colour, thin: int
+    image: np.ndarray, point_px: np.ndarray, covariance_px2: Float[np.ndarray, "2 2"], colour: Colour, width_px: int
 ) -> None:
     import cv2
 
@@ -98,7 +111,7 @@ def _ellipse(
     if sizes_px[1] < max(image.shape):
         angle_deg = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
         center, size = _fixed(point_px), _fixed(sizes_px[::-1])
-        cv2.ellipse(image, center, size, float(angle_deg), 0, 360, colour, thin, cv2.LINE_AA, _SHIFT)
+        cv2.ellipse(image, center, size, float(angle_deg), 0, 360, colour, width_px, cv2.LINE_AA, _SHIFT)
 
 
 def _line(
@@ -122,6 +135,15 @@ def _dot(image: np.ndarray, point_px: np.ndarray, fill: Colour, rim: Colour, thi
     if np.isfinite(point_px).all():
         for radius_px, colour in ((2 * thin + 2, _OUTLINE), (2 * thin + 1, rim), (2 * thin - 1, fill)):
             cv2.circle(image, _fixed(point_px), radius_px << _SHIFT, colour, -1, cv2.LINE_AA, _SHIFT)
+
+
+def _number(image: np.ndarray, text: str, below_px: np.ndarray, colour: Colour, thin: int) -> None:
+    """Above a joint, or as high as the image allows."""
+    import cv2
+
+    (width_px, height_px), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thin, thin)
+    left_bottom_px = below_px - [width_px / 2, 5 * thin]
+    _text(image, text, np.maximum(left_bottom_px, [thin, height_px + thin]), colour, thin)
 
 
 def _text(image: np.ndarray, text: str, left_bottom_px: np.ndarray, colour: Colour, thin: int) -> None:

@@ -65,6 +65,12 @@ def is_drawn(image: np.ndarray, at_px: np.ndarray, person: int = 0) -> bool:
     return bool((np.abs(around - person_colour(person)).max(axis=-1) < 70).mean() > 0.5)
 
 
+def has_white(image: np.ndarray, at_px: np.ndarray) -> bool:
+    """Whether the line of an ellipse, a pixel wide, goes through a point, which is known to a pixel."""
+    x, y = np.round(at_px).astype(int)
+    return bool((image[y - 1 : y + 2, x - 1 : x + 2].min(axis=-1) > 200).any())
+
+
 def test_every_camera_has_a_film_with_the_person_where_its_images_were_taken(
     recorded: list[str], squares: SquaresScene, tmp_path: Path
 ) -> None:
@@ -137,7 +143,9 @@ def test_a_result_of_other_times_is_told(
 def test_what_is_predicted_is_hollow_and_the_ellipse_holds_95_percent(squares: SquaresScene) -> None:
     camera, walking = squares.rig.cameras[0], trajectory(squares, 2)
     status = np.array([Status.OBSERVED, Status.PREDICTED, Status.OBSERVED])
-    covariance_m2 = np.tile(np.diag([0.0, 0.0, 0.05**2]), (3, 1, 1))
+    # Across and upwards, as the camera sees it.
+    across, up = camera.world_T_camera[:3, 0], np.array([0.0, 0.0, 1.0])
+    covariance_m2 = np.tile(0.05**2 * (np.outer(across, across) + np.outer(up, up)), (3, 1, 1))
     pose = Pose(0, walking.positions_m[0], status, covariance_m2)
     image = np.full((960, 1280, 3), 60, np.uint8)
     Drawing(walking.skeleton, ellipses=True, numbers=False).add(image, camera, pose, scale=4.0)
@@ -146,7 +154,37 @@ def test_what_is_predicted_is_hollow_and_the_ellipse_holds_95_percent(squares: S
     assert not is_drawn(image, places_px[1]), "hollow"
     # Upwards 95 % of two normal coordinates are within 2.45 standard deviations.
     top_px = 4 * camera.project(walking.positions_m[0, 0] + [0.0, 0.0, 2.4477 * 0.05])
-    assert is_drawn(image, top_px)
+    assert has_white(image, top_px)
+
+
+def test_the_ellipse_of_a_well_known_joint_is_not_covered_by_its_dot(squares: SquaresScene) -> None:
+    camera, walking = squares.rig.cameras[0], trajectory(squares, 2)
+    sigma_m = 0.005
+    pose = Pose(0, walking.positions_m[0], walking.status[0], np.tile(sigma_m**2 * np.eye(3), (3, 1, 1)))
+    image = np.full((960, 1280, 3), 60, np.uint8)
+    Drawing(walking.skeleton, ellipses=True, numbers=False).add(image, camera, pose, scale=4.0)
+    joint_px, top_px = (
+        4 * camera.project(walking.positions_m[0, 0] + [0.0, 0.0, up_m]) for up_m in (0, 2.4477 * sigma_m)
+    )
+    assert np.linalg.norm(top_px - joint_px) < 6, "smaller than the dot"
+    assert has_white(image, top_px)
+
+
+def test_the_number_is_above_the_topmost_joint_that_is_observed(squares: SquaresScene) -> None:
+    """A predicted joint may be far from the body."""
+    camera, walking = squares.rig.cameras[0], trajectory(squares, 2)
+    positions_m = walking.positions_m[0].copy()
+    positions_m[2] += [0.0, 0.0, 0.5]
+    status = np.array([Status.OBSERVED, Status.OBSERVED, Status.PREDICTED])
+    points_px = 4 * camera.project(positions_m)
+    top_px = points_px[:2][points_px[:2, 1].argmin()]
+    with_number, without = (np.full((960, 1280, 3), 60, np.uint8) for _ in range(2))
+    for image, numbers in ((with_number, True), (without, False)):
+        pose = Pose(7, positions_m, status, None)
+        Drawing(walking.skeleton, ellipses=False, numbers=numbers).add(image, camera, pose, scale=4.0)
+    drawn_px = np.argwhere((with_number != without).any(axis=-1))[:, ::-1]
+    # A digit is 24 pixels high at this size, its outline 3 wide, and begins 10 above the joint.
+    np.testing.assert_allclose(drawn_px.mean(axis=0), top_px - [0, 22], atol=8)
 
 
 def test_people_are_between_the_frames_of_their_trajectory_and_not_in_its_gaps(squares: SquaresScene) -> None:
