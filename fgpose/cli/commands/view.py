@@ -184,6 +184,8 @@ class Overlay(CameraChoice):
         from fgpose.pipeline.origin import warn_of_other_videos
 
         check_films()
+        if self.output.suffix.lower() != ".mp4":
+            raise ValueError(f"{self.output}: a film is written as .mp4")
         if self.width_px is not None and self.width_px < 2:
             raise ValueError(f"--width must be 2 px at least, got {self.width_px}")
         wanted = _time_range(self.from_s, self.to_s)

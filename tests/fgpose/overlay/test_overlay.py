@@ -247,4 +247,6 @@ def test_what_is_missing_is_said_before_any_work(
     assert "ring_0.mp4: no frame is from 7 s on: there are frames from 0 s to 0.95 s" in capsys.readouterr().err
     assert main([*recorded, *output, "--width", "1"]) == 2
     assert "--width must be 2 px at least" in capsys.readouterr().err
-    assert not (tmp_path / "film.mp4").exists()
+    assert main([*recorded, "-o", str(tmp_path / "film.avi")]) == 2
+    assert "film.avi: a film is written as .mp4" in capsys.readouterr().err
+    assert not list(tmp_path.glob("film.*"))
