@@ -106,7 +106,8 @@ LEFT, RIGHT, MIDDLE = "#0072b2", "#d55e00", "#808890"
 
 
 def skeleton_picture(skeleton: Skeleton) -> str:
-    """Joints with their names and indices: left blue, right orange; bones of constant length solid, other lines dashed.
+    """Joints with their indices, which the names at both sides have too: left blue, right orange; bones of constant
+    length solid, other lines dashed.
 
     Raises:
         ValueError: it has joints of other names than the built-in skeletons, whose places are not known.
@@ -117,16 +118,29 @@ def skeleton_picture(skeleton: Skeleton) -> str:
         for pairs, dash in ((skeleton.bones, ""), (skeleton.lines, ' stroke-dasharray="4 5"'))
         for (x1, y1), (x2, y2) in (places_px[list(pair)] for pair in pairs)
     ]
-    for name, (x, y) in zip(skeleton.joints, places_px, strict=True):
-        radius_px = 2 if skeleton.part_names[skeleton.index(name)] else 5
-        colour = LEFT if name.startswith("left_") else RIGHT if name.startswith("right_") else MIDDLE
-        shapes.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius_px}" fill="{colour}"/>')
+    for number, (x, y) in enumerate(places_px):
+        shapes += _joint(skeleton, number, float(x), float(y))
     shapes += _labels(skeleton, places_px)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH_PX} {_HEIGHT_PX}" font-family="sans-serif" '
         f'fill="{MIDDLE}">\n<title>{escape(skeleton.name)}</title>\n'
         f'<g stroke="{MIDDLE}" stroke-width="2" stroke-linecap="round">\n' + "\n".join(shapes) + "\n</g>\n</svg>\n"
     )
+
+
+def _joint(skeleton: Skeleton, number: int, x: float, y: float) -> list[str]:
+    """A dot, whose name browsers show under the mouse, and its number on the outer side, above lines across."""
+    name = skeleton.joints[number]
+    radius_px, font_px = (2, 3.5) if skeleton.part_names[number] else (5, 10)
+    is_right = name.startswith("right_")
+    colour = LEFT if name.startswith("left_") else RIGHT if is_right else MIDDLE
+    beside_px, anchor = (-radius_px - 1.5, "end") if is_right else (radius_px + 1.5, "start")
+    return [
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius_px}" fill="{colour}">'
+        f"<title>{number} {escape(name)}</title></circle>",
+        f'<text x="{x + beside_px:.1f}" y="{y - 0.5 * radius_px:.1f}" text-anchor="{anchor}" stroke="none" '
+        f'font-size="{font_px}" fill="{colour}">{number}</text>',
+    ]
 
 
 def _places_px(skeleton: Skeleton) -> Float[np.ndarray, "joint 2"]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from rich.table import Table
 from tyro.conf import Positional, arg, subcommand
 
 from fgpose.cli.console import new_console, new_table, print_written
@@ -116,14 +117,20 @@ class Skeletons:
 
         skeleton, console = load_skeleton(name), new_console()
         if self.picture is not None:
+            if self.picture.suffix.lower() != ".svg":
+                raise ValueError(f"{self.picture}: a picture of a skeleton is written as .svg")
             check_replaceable(self.picture)
             write_text(self.picture, skeleton_picture(skeleton))
         root = " and ".join(skeleton.joints[joint] for joint in skeleton.root)
         console.print(
             f"{skeleton.name}: {skeleton.n_joints} joints, root {root}; of each joint those that bones join it to"
         )
+        listed = Table.grid(padding=(0, 2))
+        listed.add_column(justify="right")
+        listed.add_column(no_wrap=True)
         for number, joint in enumerate(skeleton.joints):
             ends = [other for bone in skeleton.bones if number in bone for other in bone if other != number]
-            console.print(f"{number:3}  {joint:<18} {', '.join(skeleton.joints[end] for end in ends)}".rstrip())
+            listed.add_row(str(number), joint, ", ".join(skeleton.joints[end] for end in ends))
+        console.print(listed)
         if self.picture is not None:
             print_written(console, self.picture)

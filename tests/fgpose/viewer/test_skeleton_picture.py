@@ -19,10 +19,16 @@ SVG = "{http://www.w3.org/2000/svg}"
 def test_every_skeleton_can_be_drawn(name: str) -> None:
     skeleton = fgpose.load_skeleton(name)
     picture = ElementTree.fromstring(skeleton_picture(skeleton))
-    assert len(picture.findall(f".//{SVG}circle")) == skeleton.n_joints
+    circles = picture.findall(f".//{SVG}circle")
     assert len(picture.findall(f".//{SVG}line")) == len(skeleton.bones) + len(skeleton.lines)
-    texts = {text.text for text in picture.findall(f".//{SVG}text")}
-    assert texts == {f"{number} {joint}" for number, joint in enumerate(skeleton.joints)}
+    names = [f"{number} {joint}" for number, joint in enumerate(skeleton.joints)]
+    assert [circle.findtext(f"{SVG}title") for circle in circles] == names
+    texts = {text.text: text for text in picture.findall(f".//{SVG}text")}
+    assert set(texts) == {*names, *map(str, range(skeleton.n_joints))}
+    for number, circle in enumerate(circles):
+        # Beside its own dot.
+        across_px = float(texts[str(number)].attrib["x"]) - float(circle.attrib["cx"])
+        assert abs(across_px) < 2 * float(circle.attrib["r"])
 
 
 def test_left_is_on_the_right_of_somebody_seen_from_the_front(skeleton: fgpose.Skeleton) -> None:
@@ -44,7 +50,14 @@ def test_the_command_lists_shows_and_draws(tmp_path: Path, capsys: pytest.Captur
     assert main(["skeletons", "COCO", "--picture", str(tmp_path / "coco.svg")]) == 0
     shown = capsys.readouterr().out
     assert "coco_17: 17 joints, root left_hip and right_hip" in shown
-    assert "  9  left_wrist         left_elbow" in shown
+    assert " 9  left_wrist      left_elbow" in shown
     assert ElementTree.parse(tmp_path / "coco.svg").getroot().tag == f"{SVG}svg"
+    assert main(["skeletons", "mhr_70"]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    place = rows[2].index("left_eye, right_eye")
+    assert {row[place - 1] for row in rows[2:]} == {" "}, "names of any length, and rows that are too long, in columns"
+    assert main(["skeletons", "COCO", "--picture", str(tmp_path / "coco.png")]) == 2
+    assert "coco.png: a picture of a skeleton is written as .svg" in capsys.readouterr().err
+    assert not (tmp_path / "coco.png").exists()
     assert main(["skeletons", "--picture", str(tmp_path / "all.svg")]) == 2
     assert "--picture is of one skeleton: name it" in capsys.readouterr().err
