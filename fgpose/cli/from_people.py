@@ -164,8 +164,9 @@ class FromPeopleOptions:
         if focal != "known":
             pairs = zip(intrinsics.names, intrinsics.focal_px.tolist(), strict=True)
             guesses = ", ".join(f"{name} {focal_px:.0f}" for name, focal_px in pairs)
-            alike = ", one for all cameras" if focal == "shared" else ", one for each camera"
-            console.print(f"Focal lengths are estimated{alike}. They begin at {guesses} px.", soft_wrap=True)
+            console.print(
+                f"Focal lengths are estimated, {_alike(intrinsics, focal)}. They begin at {guesses} px.", soft_wrap=True
+            )
         try:
             with progress_bar("calibrating", "steps") as progress:
                 return calibrate_from_people(
@@ -190,6 +191,19 @@ class FromPeopleOptions:
         from fgpose.calibration.from_people.calibrate import unknown_focal
 
         return unknown_focal(intrinsics)
+
+
+def _alike(intrinsics: CameraRig, focal: Focal) -> str:
+    """Which cameras have one focal length, in words."""
+    from fgpose.calibration.from_people.rig.walk_adjustment import lens_groups
+
+    groups = lens_groups(intrinsics) if focal == "shared" else ()
+    if len(groups) == 1:
+        return "one for all cameras"
+    if max(map(len, groups), default=1) == 1:
+        return "one for each camera"
+    alike = ", ".join(f"one for {' and '.join(intrinsics.names[c] for c in group)}" for group in groups)
+    return f"{alike}, as their images have the same size"
 
 
 def _check_height(height_m: float) -> None:

@@ -130,6 +130,19 @@ def test_with_nothing_known_all_is_guessed_and_said(
     assert [path.name for path in tmp_path.iterdir()] == ["rig.npz"]
 
 
+def test_which_cameras_share_a_focal_length_is_said(
+    source: list[str], chain: Chain, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lying and upright images are of one kind of camera, and are not estimated together."""
+    sizes_px = [(1920, 1080), (1080, 1920), (1920, 1080)]
+    monkeypatch.setattr("fgpose.io.keypoints.likely_sizes_px", lambda people: sizes_px)
+    monkeypatch.setattr("fgpose.io.keypoints.check_sizes", lambda people, rig: None)
+    assert main([*source, "--no-rrd", "-o", str(tmp_path / "rig.npz")]) == 0
+    assert chain.given["focal"] == "shared"
+    said = "Focal lengths are estimated, one for cam1 and cam3, one for cam2, as their images have the same size."
+    assert said in plain(capsys.readouterr().out)
+
+
 @pytest.mark.parametrize(
     ("file_format", "name", "written"),
     [
