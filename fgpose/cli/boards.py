@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from fgpose.cli.console import new_console, new_table, print_written, progress_b
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.calibration.board.board import Board as BoardOfPoints
     from fgpose.calibration.board.calibrate import CalibratedFromBoards
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.clips import Clip
@@ -60,6 +62,10 @@ class Board:
         if self.output.suffix.lower() != ".pdf":
             raise ValueError(f"{self.output}: a board is written as .pdf")
         board = load_board(self.board)
+        try:
+            board.check_unambiguous()
+        except ValueError as error:
+            warnings.warn(f"{error}. As it is, it only tells lenses (--lenses-only)", stacklevel=2)
         sheet = save_board(board, self.output)
         console = new_console()
         size = f"{1e3 * sheet.width_m:.0f} x {1e3 * sheet.height_m:.0f} mm"
@@ -102,13 +108,15 @@ class BoardOptions:
         from fgpose.io.calibration import load_intrinsics
 
         assert self.board is not None
-        known = None
+        board, known = load_board(self.board), None
+        if len(clips) > 1:
+            board.check_unambiguous()
         if intrinsics is not None:
             known = load_intrinsics(intrinsics, [clip.name for clip in clips], [clip.size_px for clip in clips])
         if self.unsynchronised:
-            return self._carried(clips, known)
+            return self._carried(clips, board, known)
         with progress_bar("looking for boards", "images") as progress:
-            sightings = boards_in(clips, load_board(self.board), progress=progress)
+            sightings = boards_in(clips, board, progress=progress)
         with progress_bar("calibrating", "steps") as progress:
             return calibrate_from_boards(
                 sightings, intrinsics=known, lens=self.lens, origin=parse_origin(self.origin), progress=progress
@@ -128,15 +136,13 @@ class BoardOptions:
         with progress_bar("calibrating", "cameras") as progress:
             return calibrate_lenses(sightings, lens=self.lens, progress=progress)
 
-    def _carried(self, clips: Sequence[Clip], known: CameraRig | None) -> CalibratedFromBoards:
+    def _carried(self, clips: Sequence[Clip], board: BoardOfPoints, known: CameraRig | None) -> CalibratedFromBoards:
         """Of cameras that were started by hand."""
-        from fgpose.calibration.board.board import load_board
         from fgpose.calibration.board.starts.carried import calibrate_carried, carried_in
         from fgpose.calibration.board.world import parse_origin
 
-        assert self.board is not None
         with progress_bar("looking for boards", "images") as progress:
-            carried = carried_in(clips, load_board(self.board), known, progress=progress)
+            carried = carried_in(clips, board, known, progress=progress)
         with progress_bar("calibrating", "steps") as progress:
             return calibrate_carried(
                 carried, intrinsics=known, lens=self.lens, origin=parse_origin(self.origin), progress=progress

@@ -35,6 +35,8 @@ def board_rows(result: CalibratedFromBoards) -> dict[str, list[str]]:
         rows["began after the first [s]"] = texts(result.start_s, 4)
         rows["  ± [ms]"] = texts(1000 * sigmas.start_s, 2)
     rows["image covered [%]"] = texts(100 * (result.sightings.coverage > 0).mean(axis=(1, 2)), 0)
+    if result.sightings.n_without:
+        rows["images without the board"] = [str(n) for n in result.sightings.n_without]
     rows["views used"] = [str(n) for n in sees.tolist()]
     rows["views left out"] = [str(out[name]) for name in rig.names]
     rows["seen together with others"] = [str(n) for n in _together(result).tolist()]
@@ -46,13 +48,14 @@ def board_rows(result: CalibratedFromBoards) -> dict[str, list[str]]:
 
 # Of a camera alone there is nothing else.
 _OF_LENSES = ("focal length [px]", "  ± [%]", "lens", "coefficients", "lens at the border ± [px]", "views used")
-_ERRORS = ("views left out", "reprojection, RMS [px]", *(f"  {where}" for where in _RINGS))
+_ERRORS = ("images without the board", "views left out", "reprojection, RMS [px]", *(f"  {where}" for where in _RINGS))
 
 
 def lens_rows(results: Sequence[CalibratedFromBoards]) -> dict[str, list[str]]:
     """What board_rows says of the lenses, of cameras that were calibrated one by one."""
     each = [board_rows(result) for result in results]
-    return {quantity: [rows[quantity][0] for rows in each] for quantity in (*_OF_LENSES, *_ERRORS)}
+    known = (quantity for quantity in (*_OF_LENSES, *_ERRORS) if all(quantity in rows for rows in each))
+    return {quantity: [rows[quantity][0] for rows in each] for quantity in known}
 
 
 def board_summary(result: CalibratedFromBoards) -> list[str]:
@@ -69,7 +72,7 @@ def board_summary(result: CalibratedFromBoards) -> list[str]:
             "moments disagree about the cameras, as where a board bends, or corners of one view err together."
         )
     if sightings.left_out:
-        named = [f"{each.camera} at {each.time_s:.2f} s: {each.reason}" for each in sightings.left_out]
+        named = [f"{each.camera} {sightings.when(each.time_s)}: {each.reason}" for each in sightings.left_out]
         more = f"; and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
         lines.append(f"Views left out: {'; '.join(named[:_MOST_NAMED])}{more}.")
     return lines

@@ -85,6 +85,14 @@ class Board:
         columns, rows = self.size
         return {"charuco": False, "chessboard": (columns + rows) % 2 == 0, "circles": rows % 2 == 0}[self.kind]
 
+    def check_unambiguous(self) -> None:
+        """Raise ValueError if it looks the same after half a turn."""
+        if self.is_ambiguous:
+            raise ValueError(
+                f"{self.text} looks the same after half a turn, so that cameras may disagree about its first corner: "
+                "use one with an odd and an even number of corners along its sides, or an odd number of rows of circles"
+            )
+
     @property
     def text(self) -> str:
         """What parse_board reads."""

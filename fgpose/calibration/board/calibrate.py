@@ -90,12 +90,8 @@ def calibrate_from_boards(
             upside down; the message names it.
     """
     names = sightings.camera_names
-    if sightings.board.is_ambiguous and len(names) > 1:
-        raise ValueError(
-            f"{sightings.board.text} looks the same after half a turn, so that cameras may disagree about its first "
-            "corner: use one with an odd and an even number of corners along its sides, or an odd number of rows of "
-            "circles"
-        )
+    if len(names) > 1:
+        sightings.board.check_unambiguous()
     n_steps = len(names) + 3
     fitted = list[FittedLens]()
     for c, _ in enumerate(names):
@@ -173,7 +169,7 @@ def _without_wrong_views(adjusted: AdjustedBoards) -> AdjustedBoards:
 def _judged(adjusted: AdjustedBoards, fitted: Sequence[FittedLens], origin: WorldOrigin) -> CalibratedFromBoards:
     """In the world that is asked for, with sigmas and verdict."""
     sightings, bundle = adjusted.sightings, adjusted.bundle
-    world, said = world_T_first(origin, bundle.world_T_camera, bundle.world_T_board, sightings.time_s)
+    world, said = world_T_first(origin, bundle.world_T_camera, bundle.world_T_board, sightings)
     rig = _rig(adjusted, world @ bundle.world_T_camera)
     sigmas = board_sigmas(adjusted, rig)
     contradiction = _contradiction(rig, sigmas, fitted)

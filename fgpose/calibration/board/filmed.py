@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from fgpose.monocular.sources import find_clips
 from fgpose.sampling import TIME_ROUNDING_S, nearest, spread_evenly, usual_step_s
 from fgpose_factors.robust_statistics import known_median
 
+_FPS_OF_IMAGES = 1.0  # images of a board have numbers, and no times
 _MOST_MOMENTS = 240  # of a recording that are looked at, evenly spread
 _MOST_USED = 120  # with the board in them; more would say the same again
 # Of edges of the sharpest quarter of the views of a camera, and pixels.
@@ -61,8 +62,7 @@ def find_boards(
 
 def board_clips(path: str | Path, fps: float | None = None, cameras: tuple[str, ...] = ()) -> tuple[Clip, ...]:
     """The videos or images, see find_boards."""
-    # Images of a board have numbers, and no times.
-    return find_clips(path, fps=fps, cameras=cameras, fps_of_images=1.0)
+    return find_clips(path, fps=fps, cameras=cameras, fps_of_images=_FPS_OF_IMAGES)
 
 
 def boards_in(
@@ -97,7 +97,8 @@ def boards_in(
         raise ValueError(
             f"camera {', '.join(never)}: no image shows {board.text}; check its columns and rows, and its dictionary"
         )
-    return _used(clips, board, moments_s, views)
+    n_without = tuple(own.count(None) - int((images[:, c] < 0).sum()) for c, own in enumerate(views))
+    return replace(_used(clips, board, moments_s, views), n_without=n_without)
 
 
 def _moments(times_s: Sequence[Float[np.ndarray, " image"]]) -> tuple[np.ndarray, Int[np.ndarray, "moment camera"]]:
@@ -163,7 +164,10 @@ def _used(
                 reasons.append(LeftOut(clip.name, float(moments_s[t]), blurred(view, limit_px)))
     sizes_px = tuple(clip.size_px for clip in clips)
     names = tuple(clip.name for clip in clips)
-    return few_new(BoardSightings(board, names, sizes_px, moments_s, points_px, tuple(reasons)))
+    is_numbered = all(clip.files and clip.fps == _FPS_OF_IMAGES for clip in clips)
+    return few_new(
+        BoardSightings(board, names, sizes_px, moments_s, points_px, tuple(reasons), is_numbered=is_numbered)
+    )
 
 
 def few_new(sightings: BoardSightings) -> BoardSightings:

@@ -42,6 +42,10 @@ class BoardSightings:
     """Of the points, where cameras began at different moments: an error of start_s moves them. None: it does not."""
     start_s: Float[np.ndarray, " camera"] | None = None
     """When each camera began, by the common clock, as it was taken for time_s; None: they have one clock."""
+    is_numbered: bool = False
+    """Whether times are the numbers of images, of folders that say no times."""
+    n_without: tuple[int, ...] = ()
+    """Images of each camera that were looked at and do not show the board; empty: not counted."""
 
     @property
     def seen(self) -> Bool[np.ndarray, "moment camera point"]:
@@ -50,6 +54,10 @@ class BoardSightings:
     @property
     def shows_board(self) -> Bool[np.ndarray, "moment camera"]:
         return np.asarray(self.seen.any(axis=-1))
+
+    def when(self, time_s: float) -> str:
+        """A moment in words: which image, where images have no times."""
+        return f"in image {time_s:.0f}" if self.is_numbered else f"at {time_s:.2f} s"
 
     def at_moments(self, moments: Int[np.ndarray, " chosen"] | Bool[np.ndarray, " moment"]) -> BoardSightings:
         """At some of the moments."""
@@ -81,6 +89,7 @@ class BoardSightings:
             points_px=self.points_px[sees, c : c + 1],
             velocity_px_s=None if self.velocity_px_s is None else self.velocity_px_s[sees, c : c + 1],
             start_s=None if self.start_s is None else self.start_s[c : c + 1],
+            n_without=self.n_without[c : c + 1],
         )
 
     def without(self, views: Bool[np.ndarray, "moment camera"], reasons: Sequence[LeftOut]) -> BoardSightings:

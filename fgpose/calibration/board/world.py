@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.geometry.rigid import inverse, pose_of
 
 OriginKind = Literal["board", "camera", "level"]
@@ -39,7 +40,7 @@ def world_T_first(
     origin: WorldOrigin,
     first_T_camera: Float[np.ndarray, "camera 4 4"],
     first_T_board: Float[np.ndarray, "moment 4 4"],
-    time_s: Float[np.ndarray, " moment"],
+    sightings: BoardSightings,
 ) -> tuple[Float[np.ndarray, "4 4"], str]:
     """The world and, in a sentence, where it is.
 
@@ -56,22 +57,23 @@ def world_T_first(
         return _level(first_T_camera), (
             "The world is at the first camera, z up as far as the cameras stand level, x where the first one looks."
         )
-    t = 0 if origin.at_s is None else _nearest(time_s, origin.at_s)
+    t = 0 if origin.at_s is None else _nearest(sightings, origin.at_s)
     # The board's z goes into it.
     world = inverse(first_T_board[t] @ np.diag([1.0, -1.0, -1.0, 1.0]))
-    said = f"The world is the board at {time_s[t]:.2f} s: z = 0 on it, z up out of it, x along its rows."
+    when = sightings.when(float(sightings.time_s[t]))
+    said = f"The world is the board {when}: z = 0 on it, z up out of it, x along its rows."
     heights_m = (world @ first_T_camera)[:, 2, 3]
     if (heights_m < 0).any():
         said += " A camera is below it: if it did not lie on the floor then, say when it did (--origin board@SECONDS)."
     return world, said
 
 
-def _nearest(time_s: Float[np.ndarray, " moment"], at_s: float) -> int:
-    t = int(np.argmin(np.abs(time_s - at_s)))
-    if abs(time_s[t] - at_s) > _MOST_APART_S:
-        raise ValueError(
-            f"the origin is board@{at_s:g}, where no view of the board is used; one is at {time_s[t]:.2f} s"
-        )
+def _nearest(sightings: BoardSightings, at_s: float) -> int:
+    apart_s = np.abs(sightings.time_s - at_s)
+    t = int(np.argmin(apart_s))
+    if apart_s[t] > _MOST_APART_S:
+        when = sightings.when(float(sightings.time_s[t]))
+        raise ValueError(f"the origin is board@{at_s:g}, where no view of the board is used; one is {when}")
     return t
 
 

@@ -44,6 +44,10 @@ def test_images_become_a_rig(
     assert "Verdict: " in printed
     assert f"The board {FILMED.text} at" in printed
     assert f"wrote {path}" in printed
+    # Folders of images have numbers, and no times.
+    assert "The world is the board in image 1: z = 0 on it" in printed
+    # The images of ring_0 and of ring_1 that show nothing but a grey wall.
+    assert "images without the board 7 6" in printed
     rig = fgpose.load_rig(path)
     assert rig.names == true.names
     apart_m, truly_m = (np.linalg.norm(np.diff(each.positions_m, axis=0)) for each in (rig, true))
@@ -185,6 +189,8 @@ def test_a_failed_calibration_writes_no_rig(
         ),
         (["--board", FILMED.text, "--cameras", "ring_0", "ring_7"], "ring_7"),
         (["--board", FILMED.text, "--intrinsics", "no/such.yml"], "no/such.yml"),
+        # Said before the images are searched, where another would be "no image shows".
+        (["--board", "chessboard:8x6:25mm"], "chessboard:8x6:25mm looks the same after half a turn"),
         (["--board", "charuco:6x5:160mm:120mm:DICT_6X6_50"], "camera ring_0, ring_1: no image shows charuco:6x5"),
     ],
 )
@@ -211,9 +217,15 @@ def test_an_image_of_another_size_is_named(
     assert "003.png: the image is 50 x 50, the first is 640 x 360" in failure(arguments, capsys)
 
 
+@pytest.mark.filterwarnings("default")
 def test_a_board_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "board.pdf"
     assert main(["board", "charuco:7x5:30mm:22mm:DICT_5X5_100", "-o", str(path)]) == 0
     assert "charuco:7x5:30mm:22mm:DICT_5X5_100 on A4 (297 x 210 mm). Print it at 100 %." in capsys.readouterr().out
     assert path.read_bytes().startswith(b"%PDF-1.4")
+    assert main(["board", "chessboard:9x6:25mm", "-o", str(path)]) == 0
+    assert capsys.readouterr().err == ""
+    for board in ("chessboard:8x6:25mm", "circles:4x10:25mm"):
+        assert main(["board", board, "-o", str(path)]) == 0
+        assert f"warning: {board} looks the same after half a turn" in capsys.readouterr().err
     assert "a board is written as .pdf" in failure(["board", "chessboard:9x6:25mm", "-o", "board.png"], capsys)
