@@ -301,7 +301,13 @@ def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     order = list(Severity)
     causes = [each for each in causes if not any(_says_more(other, each, order) for other in causes)]
     as_severe = [_with_severity_of_explained(each, grave) for each in causes]
-    return tuple(sorted(as_severe, key=lambda each: (order.index(each.severity), -each.weight)))
+    return severest_first(as_severe)
+
+
+def severest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Of equally severe ones the weightiest first."""
+    order = list(Severity)
+    return tuple(sorted(findings, key=lambda each: (order.index(each.severity), -each.weight)))
 
 
 def _with_severity_of_explained(cause: Finding, grave: list[Finding]) -> Finding:

@@ -34,13 +34,14 @@ Summary = Callable[[Result, tuple[Path, ...]], None]
 
 def print_findings(console: Console, diagnosis: Diagnosis) -> None:
     """One paragraph for each finding, the severest first; then what was judged, and what was not."""
-    for finding in diagnosis.findings:
-        if finding.code is Code.READ_WITH_REPAIRS:
-            continue  # said when the files were read
+    # Repairs were said when the files were read.
+    findings = [each for each in diagnosis.findings if each.code is not Code.READ_WITH_REPAIRS]
+    for finding in findings:
         console.print(f"{_MARKS[finding.severity]} {finding.text}", soft_wrap=True)
     if diagnosis.judged:
         only_notes = diagnosis.worst in (None, Severity.NOTE)
-        said = "Nothing suspicious" if only_notes else "Looked at"
+        nothing = "Nothing else suspicious" if findings else "Nothing suspicious"
+        said = nothing if only_notes else "Looked at"
         console.print(f"{said}: {', '.join(diagnosis.judged)}.", soft_wrap=True)
     if diagnosis.not_judged:
         by_reason: dict[str, list[str]] = {}

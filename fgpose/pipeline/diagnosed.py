@@ -12,7 +12,7 @@ from fgpose.association.recording import Association
 from fgpose.calibration.rig_refinement import SIGNIFICANT_SIGMAS
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
-from fgpose.finding import Code, Finding, Severity
+from fgpose.finding import Code, Finding, Severity, severest_first
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp
@@ -43,7 +43,7 @@ def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
     chosen = source.chosen
     of_several = [_of_several(chosen)] if chosen is not None and chosen.n_people > 1 else []
     of_refined = _of_refined(source.origin, result.config)
-    findings = (*diagnosis.findings, *of_several, *of_refined, *_of_repairs(result.n_repairs))
+    findings = severest_first((*diagnosis.findings, *of_several, *of_refined, *_of_repairs(result.n_repairs)))
     return replace(result, diagnosis=replace(diagnosis, findings=findings))
 
 

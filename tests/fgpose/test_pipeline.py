@@ -12,6 +12,7 @@ import pytest
 
 from fgpose import pipeline
 from fgpose.config import Config
+from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence import fusion
 from fgpose.estimation.evidence import gather as gather_module
 from fgpose.estimation.evidence.gather import gather
@@ -20,7 +21,7 @@ from fgpose.estimation.online.window import Window
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.settling import informed
 from fgpose.estimation.smoother import smooth
-from fgpose.finding import Code
+from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.geometry.triangulation import Triangulation, triangulate_robust
@@ -461,14 +462,21 @@ def test_keypoints_of_images_turned_by_caliscope_are_noticed(
 
 @pytest.mark.parametrize(("shift_sigma_m", "said"), [(0.067, True), (0.006, False)])
 def test_a_refinement_that_may_have_shifted_the_world_is_said(
-    source: Source[Observations], smoothed: Result, shift_sigma_m: float, said: bool
+    source: Source[Observations],
+    smoothed: Result,
+    shift_sigma_m: float,
+    said: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """6 mm are those of cameras that are as right as the parameters expect."""
+    """6 mm are those of cameras that are as right as the parameters expect. More than a note, it comes first."""
+    note = Finding(Code.HALLUCINATING_CAMERA, Severity.NOTE, "some are", "Look at its images.", 0.9)
+    monkeypatch.setattr("fgpose.pipeline.diagnosed.looked_at", lambda *given: Diagnosis((note,), (), {}))
     origin = Origin(calibration=CalibrationOrigin(shift_sigma_m=shift_sigma_m))
     result = diagnosed(replace(smoothed, source=replace(source, origin=origin)))
     assert result.diagnosis is not None
     found = [each.reason for each in result.diagnosis.findings if each.code is Code.CALIBRATION]
     assert ["is known to 67 mm along each axis" in each for each in found] == [True] * said
+    assert result.diagnosis.worst is (Severity.DOUBTFUL if said else Severity.NOTE)
 
 
 @pytest.mark.slow
