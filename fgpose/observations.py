@@ -158,6 +158,15 @@ class Observations(Shown):
             raise ValueError(f"no frame is left: {frames} of {self.n_frames} frames")
         return self._part(time_s=self.time_s[frames], **self.per_detection(lambda array: array[frames]))
 
+    def __getitem__(self, frames: slice) -> Observations:
+        """Some of the frames, as observations[100:200]. Raises TypeError for what is no slice, else as frames."""
+        if not isinstance(frames, slice):
+            raise TypeError(f"frames are taken as a slice, as observations[0:1]; got {frames!r:.40}")
+        return self.frames(frames)
+
+    def __len__(self) -> int:
+        return self.n_frames
+
     def _part(self, **changed: Any) -> Observations:
         # Not replace(): what was checked as a whole is not checked again, frame by frame, in a live loop.
         part = object.__new__(Observations)

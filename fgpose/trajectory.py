@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
 from fgpose.sampling import TimeRange
-from fgpose.shown import Motion, Shown
+from fgpose.shown import Motion, Shown, by_names
 from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.skeletons import named_skeleton
 
@@ -226,12 +226,12 @@ class Trajectory(Motion):
 
     def __getitem__(self, wanted: str | list[str] | tuple[str, ...] | slice) -> np.ndarray | Trajectory:
         """Positions of a joint by name, (T, 3), or of several, (T, joints, 3), metres; or some of the frames, as
-        trajectory[100:200]. Raises ValueError for an unknown name."""
+        trajectory[100:200]. Raises ValueError for an unknown name, TypeError for a number."""
         if isinstance(wanted, slice):
             return self.frames(wanted)
         if isinstance(wanted, str):
             return self.positions_m[:, self.skeleton.index(wanted)]
-        return self.positions_m[:, [self.skeleton.index(joint) for joint in wanted]]
+        return self.positions_m[:, [self.skeleton.index(joint) for joint in by_names(wanted)]]
 
     def crop(self, begin_s: float, end_s: float) -> Trajectory:
         """The frames from one time to another, seconds, both included. Raises ValueError if there is none."""

@@ -204,6 +204,10 @@ class CameraRig(Shown):
         """K [R|t] of every undistorted camera."""
         return np.stack([camera.K @ camera.camera_T_world[:3] for camera in self.cameras])
 
+    def __getitem__(self, name: str) -> Camera:
+        """A camera by name. Raises ValueError for an unknown name."""
+        return self.subset([name]).cameras[0]
+
     def subset(self, names: Iterable[str]) -> CameraRig:
         """The named cameras, in the order given. Raises ValueError for an unknown name."""
         by_name = dict(zip(self.names, self.cameras, strict=True))
@@ -215,16 +219,12 @@ class CameraRig(Shown):
         """The same cameras in a world that is turned: every position times this rotation."""
         turned_T_world = np.eye(4)
         turned_T_world[:3, :3] = rotation
-        return CameraRig(
-            tuple(
-                replace(
-                    camera,
-                    world_T_camera=turned_T_world @ camera.world_T_camera,
-                    moves=tuple((since_s, turned_T_world @ pose) for since_s, pose in camera.moves),
-                )
-                for camera in self.cameras
-            )
-        )
+
+        def turned(camera: Camera) -> Camera:
+            moves = tuple((since_s, turned_T_world @ pose) for since_s, pose in camera.moves)
+            return replace(camera, world_T_camera=turned_T_world @ camera.world_T_camera, moves=moves)
+
+        return CameraRig(tuple(map(turned, self.cameras)))
 
     @cached_property
     def time_offsets_s(self) -> Float[np.ndarray, " camera"]:

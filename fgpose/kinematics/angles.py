@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.up_axis import WorldUp, z_up, z_up_R_world
 from fgpose.kinematics import definitions
 from fgpose.kinematics.definitions import angles_of
 from fgpose.kinematics.landmarks import landmarks, points_of
 from fgpose.kinematics.propagation import mean_squares_rad2
-from fgpose.shown import OverTime
+from fgpose.sampling import TimeRange
+from fgpose.shown import OverTime, by_names
 from fgpose.shown.unknown_names import did_you_mean
 from fgpose.skeleton import Skeleton
 from fgpose.skeletons import named_skeleton
@@ -47,13 +49,44 @@ class JointAngles(OverTime):
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
             array.setflags(write=False)
 
-    def __getitem__(self, name: str) -> Float[np.ndarray, " frame"]:
-        """An angle by name, degrees. Raises ValueError for an unknown name."""
+    @overload
+    def __getitem__(self, wanted: str) -> Float[np.ndarray, " frame"]: ...
+
+    @overload
+    def __getitem__(self, wanted: list[str] | tuple[str, ...]) -> Float[np.ndarray, "frame angle"]: ...
+
+    @overload
+    def __getitem__(self, wanted: slice) -> JointAngles: ...
+
+    def __getitem__(self, wanted: str | list[str] | tuple[str, ...] | slice) -> np.ndarray | JointAngles:
+        """An angle by name, (T,), or several, (T, angles), degrees; or some of the frames, as angles[100:200]. Raises
+        ValueError for an unknown name, TypeError for a number."""
+        if isinstance(wanted, slice):
+            return self.frames(wanted)
+        if isinstance(wanted, str):
+            return self.angle_deg[:, self._index(wanted)]
+        return self.angle_deg[:, [self._index(name) for name in by_names(wanted)]]
+
+    def _index(self, name: str) -> int:
         if name not in self.names:
             raise ValueError(
                 f"there is no angle {name!r}{did_you_mean(name, self.names)}; there are {', '.join(self.names)}"
             )
-        return self.angle_deg[:, self.names.index(name)]
+        return self.names.index(name)
+
+    def crop(self, begin_s: float, end_s: float) -> JointAngles:
+        """The frames from one time to another, seconds, both included. Raises ValueError if there is none."""
+        return self.frames(TimeRange(begin_s, end_s).of(self.time_s))
+
+    def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> JointAngles:
+        """Some of the frames, as angles of their own."""
+        return replace(
+            self,
+            time_s=self.time_s[frames],
+            angle_deg=self.angle_deg[frames],
+            sigma_deg=self.sigma_deg[frames],
+            frame_numbers=None if self.frame_numbers is None else self.frame_numbers[frames],
+        )
 
     def quantiles_deg(self, shares: Sequence[float]) -> Float[np.ndarray, "share angle"]:
         """Quantiles of each angle over time, NaN where it is never determined: on the circle, opened where no angle is

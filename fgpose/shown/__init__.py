@@ -34,8 +34,23 @@ class Shown:
         return html(summary(self))
 
 
+def by_names(wanted: object) -> list[str]:
+    """What is asked for by several names. Raises TypeError for anything else, as the number of a frame."""
+    names = list(wanted) if isinstance(wanted, list | tuple) else [wanted]
+    if not all(isinstance(each, str) for each in names):
+        frame = f"[{wanted}:{wanted + 1}]" if isinstance(wanted, int) else "[0:1]"
+        raise TypeError(
+            f"joints and angles are taken by name, frames as a slice, {frame}, or as .frames(mask); got {wanted!r:.40}"
+        )
+    return cast("list[str]", names)
+
+
 class OverTime(Shown):
     """Numbers by name over time, which other tools read and plot."""
+
+    def __len__(self) -> int:
+        """The number of frames."""
+        return len(cast(Any, self).time_s)
 
     def to_pandas(self, form: Form = "long") -> pd.DataFrame:
         """A pandas table, with the columns of to_csv.

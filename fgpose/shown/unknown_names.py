@@ -39,7 +39,7 @@ def check_names(wanted: Iterable[str], known: Collection[str], lacks: str, has: 
     """
     unknown = dict.fromkeys(name for name in wanted if name not in known)
     if unknown:
-        said = ", ".join(f"{name}{did_you_mean(name, known)}" for name in unknown)
+        said = ", ".join(f"{name}{did_you_mean(str(name), known)}" for name in unknown)
         raise ValueError(f"{lacks} {said}; {has} {', '.join(known)}")
 
 

@@ -200,6 +200,12 @@ def test_some_frames_are_a_recording_of_their_own(parts: dict[str, Any]) -> None
     assert some.n_frames == 2
     np.testing.assert_array_equal(some.points2d_px, parts["points2d_px"][2:4])
     np.testing.assert_array_equal(some.time_s, parts["time_s"][2:4])
+    again = Observations(**parts)[2:4]
+    assert len(again) == 2
+    np.testing.assert_array_equal(again.points2d_px, some.points2d_px)
+    wrong: Any = 2
+    with pytest.raises(TypeError, match=r"frames are taken as a slice, as observations\[0:1\]; got 2"):
+        again[wrong]
 
 
 def test_some_cameras_are_a_recording_of_their_own(parts: dict[str, Any]) -> None:

@@ -92,6 +92,19 @@ def test_some_frames_by_slice_and_by_time(parts: dict[str, Any], skeleton: Skele
         trajectory.crop(5.0, 2.0)
 
 
+def test_numbers_of_frames_are_taken_as_slices(parts: dict[str, Any]) -> None:
+    trajectory = Trajectory(**parts)
+    assert len(trajectory) == len(trajectory[:]) == FRAMES
+    frames: tuple[tuple[Any, str], ...] = (
+        (2, r"\[2:3\]"),
+        ((1, 2), r"\[0:1\]"),
+        (np.ones(FRAMES, dtype=bool), r"\.frames\(mask\)"),
+    )
+    for wanted, shown in frames:
+        with pytest.raises(TypeError, match=f"joints and angles are taken by name, frames as a slice, .*{shown}"):
+            trajectory[wanted]
+
+
 def test_several_joints_by_name(parts: dict[str, Any], skeleton: Skeleton) -> None:
     positions_m = np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)
     trajectory = Trajectory(**(parts | {"positions_m": positions_m}))

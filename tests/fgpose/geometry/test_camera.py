@@ -191,6 +191,11 @@ def test_cameras_are_chosen_by_name(rig: CameraRig) -> None:
     assert chosen.cameras == (rig.cameras[2], rig.cameras[0])
     with pytest.raises(ValueError, match="no camera top; it has ring_0, ring_1"):
         rig.subset(["top"])
+    assert rig[rig.names[2]] is rig.cameras[2]
+    for unknown in ("top", 0):
+        wrong: Any = unknown
+        with pytest.raises(ValueError, match=f"no camera {unknown}; it has ring_0, ring_1"):
+            rig[wrong]
 
 
 def test_a_rig_needs_cameras_with_different_names(rig: CameraRig) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -193,6 +194,24 @@ def test_a_skeleton_without_limbs_is_refused() -> None:
 def test_shapes_must_agree() -> None:
     with pytest.raises(ValueError, match=r"angle_deg must be \(2, 2\), got \(2, 1\)"):
         JointAngles(("a", "b"), np.zeros(2), np.zeros((2, 1)), np.zeros((2, 1)))
+
+
+def test_some_frames_and_some_angles() -> None:
+    time_s, angle_deg = np.arange(5) / 50, np.arange(10.0).reshape(5, 2)
+    angles = JointAngles(("flexion", "rotation"), time_s, angle_deg, angle_deg / 10, np.arange(3, 8))
+    for part in (angles[1:3], angles.crop(1 / 50, 2 / 50), angles.frames(np.array([0, 1, 1, 0, 0], dtype=bool))):
+        assert len(part) == 2
+        np.testing.assert_array_equal(part.time_s, time_s[1:3])
+        np.testing.assert_array_equal(part["rotation"], [3, 5])
+        np.testing.assert_array_equal(part.sigma_deg, angle_deg[1:3] / 10)
+        assert part.frame_numbers is not None
+        np.testing.assert_array_equal(part.frame_numbers, [4, 5])
+    np.testing.assert_array_equal(angles[["rotation", "flexion"]], angle_deg[:, ::-1])
+    with pytest.raises(ValueError, match=r"there are frames from 0 s to 0\.08 s"):
+        angles.crop(1.0, 2.0)
+    wrong: Any = 1
+    with pytest.raises(TypeError, match=r"frames as a slice, \[1:2\]"):
+        angles[wrong]
 
 
 def test_a_walk_has_the_angles_of_a_walk() -> None:
