@@ -16,10 +16,10 @@ import typing
 import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Protocol, TextIO, runtime_checkable
+from typing import Annotated, Any, Protocol, TextIO, runtime_checkable
 
 import numpy as np
 
@@ -175,6 +175,7 @@ def _parse(arguments: list[str]) -> Command:
         raise SystemExit(0)
     import tyro
 
+    _join_lines_of_help()
     name = arguments[0]
     # Others are loaded only where one of them may be meant.
     others = {} if name in _PLACES else _of_others()
@@ -193,6 +194,22 @@ def _parse(arguments: list[str]) -> Command:
         # The values of --config become the defaults of the options, so that the command line overrides them.
         command = _with_defaults(command, config, hidden=hides_parameters)
     return _parsed(partial(tyro.cli, command, prog=f"fgpose {name}"), arguments, known)
+
+
+@cache
+def _join_lines_of_help() -> None:
+    """Let lines of the help end where they are full. tyro ends them where those of a docstring end too: it takes lines
+    that are indented for those of a list."""
+    from tyro import _docstrings
+
+    parse: Any = vars(_docstrings).get("parse_docstring_from_object")
+    if parse is None:
+        return  # in another tyro lines may be short, and no more
+
+    def joined(kind: object) -> dict[str, str]:
+        return {name: re.sub(r"(?<!\n)\n +", " ", text) for name, text in parse(kind).items()}
+
+    vars(_docstrings)["parse_docstring_from_object"] = cache(joined)
 
 
 def _parsed(parse: Callable[..., Command], arguments: list[str], known: Collection[str]) -> Command:

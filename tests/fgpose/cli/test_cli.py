@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import os
 import socket
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -750,3 +752,23 @@ def test_what_cannot_be_is_refused_by_name_and_writes_nothing(
 def test_a_demo_that_is_refused_makes_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--frames must be at least 1" in failure(["demo", "--frames", "-3", "-o", str(tmp_path / "a" / "b")], capsys)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", ["smooth --help", "smooth --help-all", "run --help", "live --help"])
+def test_lines_of_the_help_end_where_they_are_full(
+    arguments: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main(arguments.split())
+    lines = [line.strip("│").rstrip() for line in capsys.readouterr().out.splitlines()]
+    # The column of the explanations, which ends at 77.
+    begins = [len(line) - len(line.lstrip()) for line in lines]
+    (column, n_lines), *_ = Counter(begin for begin in begins if begin > 4).most_common(1)
+    assert n_lines > 10
+    early = [
+        line.strip()
+        for (line, begin), (following, begin_after) in itertools.pairwise(zip(lines, begins, strict=True))
+        if begin == begin_after == column and len(line) + 1 + len(following.split()[0]) <= 77
+    ]
+    assert not early
