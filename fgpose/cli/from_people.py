@@ -31,8 +31,8 @@ _INTRINSICS = (
     "file for each camera. A file with one camera is for all."
 )
 _FOCAL = (
-    "known: as given with --intrinsics or --focal-px. shared: unknown, the same for all cameras. each: unknown, for "
-    "each camera another. auto: known if given, shared if all images have one size, else each."
+    "known: as given with --intrinsics or --focal-px. shared: unknown, the same for cameras whose images have the same "
+    "size. each: unknown, for each camera another. auto: known if given, shared if all images have one size, else each."
 )
 _DISTANCE = "Measured distance between two cameras, from lens to lens, as: --distance cam1 cam3 4.20. May be repeated."
 _MAX_DISTANCE_M = 100.0
