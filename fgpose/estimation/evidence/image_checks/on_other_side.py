@@ -44,7 +44,7 @@ def on_other_side(observations: Observations, rig: CameraRig) -> Bool[np.ndarray
     for number, limb in enumerate(all_limbs):
         own = np.zeros((*said.shape[:2], 2), dtype=bool)
         for camera in np.flatnonzero(said[:, :, number].any(axis=(0, 2))).tolist():
-            for start, stop in stretches(at_one_place[:, camera, limb.pairs].any(axis=-1)):
+            for start, stop in stretches(np.asarray(at_one_place[:, camera, limb.pairs].any(axis=-1))):
                 own[start:stop, camera] = _in_row(said[start:stop, camera, number])
         found |= _of_joints(own, at_one_place, limb, observations.skeleton)
     return found

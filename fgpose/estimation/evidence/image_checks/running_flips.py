@@ -65,7 +65,8 @@ class RunningFlips:
         time_s, of_sides = float(images.frame_time_s[0]), list[_OfSides]()
         points_px, weights = limbs(images, rig)
         limbs_m = expected_m[limb_joints(images.skeleton)]
-        suspicious = suspicious_sides(points_px, limbs_m[None], rig, sides_of(images.skeleton)).any(axis=(0, 1))
+        (of_cameras,) = suspicious_sides(points_px, limbs_m[None], rig, sides_of(images.skeleton))
+        suspicious = np.asarray(of_cameras.any(axis=0))
         suspicious |= not np.isfinite(limbs_m).any()
         for number, each in enumerate(self._of_sides):
             own = each.sides.pairs

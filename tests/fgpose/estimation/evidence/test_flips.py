@@ -47,7 +47,7 @@ def flipped_views(observations: Observations, rig: CameraRig) -> np.ndarray:
     flipped = flips(observations, rig)
     own = observations.skeleton.mirror != np.arange(observations.skeleton.n_joints)
     np.testing.assert_array_equal(flipped, flipped.any(axis=-1, keepdims=True) & own)
-    return flipped.any(axis=-1)
+    return np.asarray(flipped.any(axis=-1))
 
 
 def random_flips(n_frames: int, n_cameras: int, seed: int, at_once: int = 1) -> np.ndarray:
