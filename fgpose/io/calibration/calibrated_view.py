@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -54,24 +54,32 @@ class CalibratedView:
     start_s: float = 0.0
     clock_drift: float = 0.0
     clock_jumps: tuple[tuple[float, float], ...] = ()
-    moves: tuple[tuple[float, np.ndarray, np.ndarray], ...] = ()
-    """Since when, and R and t from then on."""
+    moves: tuple[tuple[float, Float[np.ndarray, "4 4"]], ...] = ()
+    """Since when, and world_T_camera from then on."""
+    world_T_camera: Float[np.ndarray, "4 4"] | None = None
+    """As our own files have it. R and t would give it back to the last bit but one, from which an online estimate may
+    go another way."""
 
     def to_camera(self, metres_per_unit: float) -> Camera:
         check_focal(self.name, self.K, self.size_px)
-        distortion = without_unused(self.distortion)
-        camera = Camera.from_world_to_camera(
-            self.name, self.size_px, self.K, self.R, self.t * metres_per_unit, distortion, self.lens
-        )
-        moves = tuple((since_s, inverse(pose_of(R, t * metres_per_unit))) for since_s, R, t in self.moves)
-        return replace(
-            camera,
+        pose = inverse(pose_of(self.R, self.t)) if self.world_T_camera is None else self.world_T_camera
+        return Camera(
+            self.name,
+            self.size_px,
+            self.K,
+            _scaled(pose, metres_per_unit),
+            without_unused(self.distortion),
+            self.lens,
             time_offset_s=self.time_offset_s,
             start_s=self.start_s,
             clock_drift=self.clock_drift,
             clock_jumps=self.clock_jumps,
-            moves=moves,
+            moves=tuple((since_s, _scaled(pose, metres_per_unit)) for since_s, pose in self.moves),
         )
+
+
+def _scaled(pose: Float[np.ndarray, "4 4"], metres_per_unit: float) -> Float[np.ndarray, "4 4"]:
+    return pose_of(pose[:3, :3], metres_per_unit * pose[:3, 3])
 
 
 @dataclass(frozen=True)

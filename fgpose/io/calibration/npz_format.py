@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.rigid import inverse
 from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin, origin_of_table, table_of
@@ -69,12 +70,11 @@ def _changes(file: Mapping[str, np.ndarray], n_cameras: int) -> list[dict[str, A
     found = []
     for c in range(n_cameras):
         drift, jumps, moves = (rows[name][rows[name][:, 0] == c, 1:] for name in _CHANGES)
-        poses = [(float(row[0]), row[1:].reshape(4, 4)) for row in moves]
         found.append(
             {
                 "clock_drift": float(drift.sum()),
                 "clock_jumps": tuple((float(since_s), float(by_s)) for since_s, by_s in jumps),
-                "moves": tuple((since_s, pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]) for since_s, pose in poses),
+                "moves": tuple((float(row[0]), row[1:].reshape(4, 4)) for row in moves),
             }
         )
     return found
@@ -93,17 +93,18 @@ def _view(
     if lens not in ("pinhole", "fisheye"):
         raise ValueError(f"camera {name}: lens must be pinhole or fisheye, got {lens}")
     width, height = numbers(name, "size_px", size_px, 2)
-    R = world_T_camera[:3, :3].T
+    camera_T_world = inverse(world_T_camera)
     return CalibratedView(
         name=name,
         size_px=(round(width), round(height)),
         K=K,
-        R=R,
-        t=-R @ world_T_camera[:3, 3],
+        R=camera_T_world[:3, :3],
+        t=camera_T_world[:3, 3],
         distortion=distortion[~np.isnan(distortion)],
         lens="fisheye" if lens == "fisheye" else "pinhole",
         time_offset_s=float(time_offset_s),
         start_s=float(start_s),
+        world_T_camera=world_T_camera,
     )
 
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.rigid import inverse, pose_of
 from fgpose.io.atomic import write_text
 from fgpose.io.calibration.calibrated_view import CalibratedView, UnitOfFormat, numbers, rotation_matrix
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin, origin_of_table, table_of
@@ -166,7 +167,7 @@ def _jumps(name: str, jumps: Any) -> tuple[tuple[float, float], ...]:
     return tuple((float(since_s), float(by_s)) for since_s, by_s in array)
 
 
-def _moves(name: str, moves: Any) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
+def _moves(name: str, moves: Any) -> tuple[tuple[float, np.ndarray], ...]:
     if not isinstance(moves, list) or not all(isinstance(each, dict) for each in moves):
         raise ValueError(f"camera {name}: moves must be a list of tables with since_s, rotation and translation")
     found = []
@@ -176,8 +177,8 @@ def _moves(name: str, moves: Any) -> tuple[tuple[float, np.ndarray, np.ndarray],
             raise ValueError(f"camera {name}: a move lacks {', '.join(missing)}")
         since_s = float(numbers(name, "since_s", each["since_s"], 1)[0])
         translation = numbers(name, "translation", each["translation"], 3)
-        found.append((since_s, rotation_matrix(name, each["rotation"]), translation))
-    if [since_s for since_s, *_ in found] != sorted({since_s for since_s, *_ in found}):
+        found.append((since_s, inverse(pose_of(rotation_matrix(name, each["rotation"]), translation))))
+    if [since_s for since_s, _ in found] != sorted({since_s for since_s, _ in found}):
         raise ValueError(f"camera {name}: moves must be in the order of time")
     return tuple(found)
 

@@ -73,6 +73,8 @@ def test_round_trip(tmp_path: Path, file_format: RigFormat, distortion: tuple[fl
         assert after.size_px == before.size_px
         np.testing.assert_allclose(expected(after), expected(before), atol=EXACT_PX)
         np.testing.assert_allclose(after.position_m, before.position_m, atol=1e-12)
+        if file_format == "npz":
+            np.testing.assert_array_equal(after.world_T_camera, before.world_T_camera)
 
 
 @pytest.mark.parametrize("file_format", TOMLS)

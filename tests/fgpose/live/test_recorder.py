@@ -83,8 +83,8 @@ def test_all_is_read_back_as_it_was_recorded(written: Path) -> None:
     for actual, camera in zip(recording.rig.cameras, RIG.cameras, strict=True):
         assert (actual.name, actual.size_px, actual.lens) == (camera.name, camera.size_px, camera.lens)
         for name in ("K", "world_T_camera", "distortion"):
-            # The way to world_T_camera goes through its inverse.
-            np.testing.assert_allclose(getattr(actual, name), getattr(camera, name), atol=1e-14)
+            # An online estimate may go another way from the last bit on, and a replay with it.
+            np.testing.assert_array_equal(getattr(actual, name), getattr(camera, name))
     updates = list(recording.updates())
     assert len(updates) == 10
     for number, images in enumerate(updates):
