@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 _OF_THE_PRESENT = {"distances", "distances_port", "poses_port", "input_keys", "duration_s", "resume"}
 _EVERY_S = 0.5  # the line of the terminal changes so often
+_ROUNDING_MM = 0.01  # a recording has single precision: 5 m to 0.0005 mm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,7 +206,8 @@ def _table(report: LiveStatistics) -> Table:
         table.add_column(heading, justify="right")
     for camera in report.cameras:
         seconds = [f"{report.seconds_in(camera.name, state):.0f}" for state in CameraState]
-        counts = [str(number) for number in (camera.n_images, camera.n_used, camera.n_lost)]
+        # Of those that are neither used nor lost a newer one came before a network had looked at them.
+        counts = [str(number) for number in (camera.n_images, camera.n_used, camera.n_images - camera.n_used)]
         table.add_row(camera.name, *counts, f"{camera.rate_hz:.1f}", *seconds)
     return table
 
@@ -310,12 +312,18 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
                 None if is_fast else clock,
                 lambda time_s: status.update(f"{path}: {time_s:.1f} s"),
             )
-    new_console().print(_said(agreement), soft_wrap=True)
+    new_console().print(_said(agreement, is_same=config is None), soft_wrap=True)
     return consumers.say_states()
 
 
-def _said(agreement: ReplayComparison) -> str:
+def _said(agreement: ReplayComparison, *, is_same: bool) -> str:
     text = f"{agreement.n_frames} frames again"
     if agreement.n_people and not math.isnan(agreement.largest_mm):
         text += f"; people within {agreement.largest_mm:.4f} mm of those recorded"
-    return text + (f"; {agreement.n_others} times somebody was in one of them only" if agreement.n_others else "")
+    text += f"; {agreement.n_others} times somebody was in one of them only" if agreement.n_others else ""
+    if is_same and (agreement.n_others or agreement.largest_mm > _ROUNDING_MM):
+        text += (
+            ". Detections and parameters are the same: the estimate has gone another way from the last bit on (another "
+            "version, computer or order of threads), where the cameras hardly tell where somebody is"
+        )
+    return text

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_videos import SIZE_PX, counted, pictures, write_video
+from stopped import stop_when
 
 from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
@@ -16,6 +17,7 @@ from fgpose.io.calibration import save_rig
 from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.live.cameras.running import LiveCameras
 from fgpose.live.clock import Clock
+from fgpose.live.frame import LiveFrame
 from fgpose.live.recording import played_cameras as module
 from fgpose.live.recording.live_recording import load_live_recording
 from fgpose.live.recording.played_cameras import played_cameras
@@ -114,11 +116,18 @@ def test_cameras_over_rtsp_are_in_step(tmp_path: Path, calibration: Path, videos
 @pytest.mark.network
 @pytest.mark.filterwarnings("default")
 @pytest.mark.usefixtures("demo_videos")
-def test_the_demonstration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_demonstration(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from rrd_contents import entities
 
+    with_people = list[LiveFrame]()
+
+    def is_enough(frame: LiveFrame) -> bool:
+        with_people.extend([frame] if frame.people else [])
+        return len(with_people) > 50
+
+    stop_when(monkeypatch, is_enough)
     (tmp_path / "demo_live.fgpose").write_text("of the last time")
-    assert main(["demo", "--live", "--output", str(tmp_path), "--duration-s", "5"]) == 0
+    assert main(["demo", "--live", "--output", str(tmp_path), "--duration-s", "600"]) == 0
     printed = capsys.readouterr()
     assert "status page: http://127.0.0.1:" in printed.err
     assert {path.name for path in tmp_path.iterdir()} == {"demo_live.fgpose", "demo_live.rrd"}

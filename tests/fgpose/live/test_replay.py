@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,11 +16,12 @@ import numpy as np
 import pytest
 from live_frames import live_frame, live_person, standing_m
 from rrd_contents import entities
-from test_cli_live import free_port, rig_file, send
+from test_cli_live import free_port, receive, rig_file, send
 from test_live_tracking import CONFIG, DELAY_S, scene, statuses
 
 import fgpose
 from fgpose.cli import main
+from fgpose.cli.commands.live import _said
 from fgpose.io.live.packing import packed, unpacked
 from fgpose.io.live.record_files import MAGIC, as_record
 from fgpose.io.live.recordings import RecordedImage, _number, images_document, start_document
@@ -31,10 +31,11 @@ from fgpose.live.outputs.frame_messages import frame_document
 from fgpose.live.page.status_page import StatusPage
 from fgpose.live.recording.live_recording import load_live_recording
 from fgpose.live.recording.recorder import Recorder
-from fgpose.live.recording.replay import replay
+from fgpose.live.recording.replay import ReplayComparison, replay
 from fgpose.live.system import Feed, LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
+from tests.fgpose.live.output_frames import wait_until
 
 START_S = 1.7e9
 # Positions are recorded in single precision: of 5 m that is 0.0005 mm.
@@ -211,6 +212,17 @@ def test_the_page_of_a_replay_has_the_time_of_the_recording(tmp_path: Path, monk
     assert abs(state["now_s"] - START_S) < 60.0
 
 
+@pytest.mark.parametrize(
+    ("largest_mm", "is_same", "is_explained"), [(490.9, True, True), (490.9, False, False), (1e-4, True, False)]
+)
+def test_people_elsewhere_by_the_same_detections_are_explained(
+    largest_mm: float, *, is_same: bool, is_explained: bool
+) -> None:
+    said = _said(ReplayComparison(n_frames=9, n_people=9, largest_mm=largest_mm), is_same=is_same)
+    assert said.startswith(f"9 frames again; people within {largest_mm:.4f} mm of those recorded")
+    assert ("another way from the last bit on" in said) == is_explained
+
+
 @pytest.mark.slow
 def test_other_parameters_give_other_people(session: Path) -> None:
     other = fgpose.Config(online={"lag_s": 0.3}, motion={"model": "none"}, tracking={"max_processes": 1})
@@ -252,32 +264,34 @@ def test_wrong_options_of_replay(arguments: list[str], message: str, capsys: pyt
 def test_after_kill_9_what_was_recorded_is_there_and_comes_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port, record = free_port(), tmp_path / "session.fgpose"
+    port, frames_port, record = free_port(), free_port(), tmp_path / "session.fgpose"
     options = ["--skeleton", "h36m_17", "--keypoints-port", str(port), "--record", str(record)]
+    options += ["--zmq", str(frames_port)]
     command = [sys.executable, "-m", "fgpose", "live", str(rig_file(tmp_path)), *options]
-    recording = threading.Event()
-    sender = threading.Thread(target=send, args=(port, recording, 3))
+    frames, published, enough, stop = list[LiveFrame](), threading.Event(), threading.Event(), threading.Event()
+    threads = [
+        threading.Thread(target=send, args=(port, published, enough)),
+        threading.Thread(target=receive, args=(frames_port, frames, published, stop)),
+    ]
     system = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    for thread in threads:
+        thread.start()
     try:
-        end_s = time.monotonic() + 120.0
-        while not record.exists() or record.stat().st_size < 400_000:
-            assert time.monotonic() < end_s
-            time.sleep(0.01)
-            if record.exists() and not sender.ident:
-                recording.set()
-                sender.start()
+        wait_until(lambda: sum(bool(frame.people) for frame in frames) > 100)
     finally:
         os.kill(system.pid, signal.SIGKILL)
         system.wait()
-        if sender.ident:
-            sender.join()
+        for event in (published, enough, stop):
+            event.set()
+        for thread in threads:
+            thread.join()
     with pytest.warns(UserWarning, match="was not closed|was cut off"):
-        frames = list(load_live_recording(record).frames())
-    assert any(frame.people for frame in frames)
+        recorded = list(load_live_recording(record).frames())
+    assert any(frame.people for frame in recorded)
 
     assert main(["live", "--replay", str(record), "--fast"]) == 0
     said = capsys.readouterr()
-    assert f"{len(frames)} frames again; people within 0.000" in said.out
+    assert f"{len(recorded)} frames again; people within 0.000" in said.out
     assert said.err.count("the recording was not closed") + said.err.count("the recording was cut off") == 1
     smoothed = ["smooth", str(record), "--rig", str(record), "--skeleton", "h36m_17", "-o", str(tmp_path / "batch")]
     assert main(smoothed) == 0
