@@ -241,7 +241,8 @@ def end_with_parent() -> None:
 @contextmanager
 def parent() -> Iterator[tuple[Callable[[], Any], Callable[[object], None]]]:
     """The other side, in the child: a function that gives the next message of the parent, which raises EOFError when
-    there are no more; and one that sends it a message, from any thread."""
+    there are no more; and one that sends it a message, from any thread. What is sent to a parent that has ended is lost
+    without a word: receive tells."""
     lock = threading.Lock()
     with _forgiving(os.fdopen(os.dup(sys.stdout.fileno()), "wb")) as answers:
         sys.stdout = sys.stderr  # nothing else may get between the messages
@@ -257,7 +258,7 @@ def parent() -> Iterator[tuple[Callable[[], Any], Callable[[object], None]]]:
 
         def send(message: object) -> None:
             body = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-            with lock:
+            with lock, suppress(BrokenPipeError):
                 answers.write(_LENGTH.pack(len(body)))
                 answers.write(body)
                 answers.flush()

@@ -29,11 +29,12 @@ def echo() -> None:
 
 def answer_nobody() -> None:
     """In the process: send something when nothing more comes."""
-    with parent() as (receive, send), suppress(EOFError, BrokenPipeError):
+    with parent() as (receive, send), suppress(EOFError):
         try:
             receive()
         finally:
-            send("unheard")
+            for message in ("unheard", b"more than a pipe holds" * 100_000):
+                send(message)
 
 
 @pytest.fixture
