@@ -136,8 +136,9 @@ def test_a_detector_is_a_model(capsys: pytest.CaptureFixture[str]) -> None:
     assert open_network("balls", max_people=3).name == "balls"
     with pytest.raises(ValueError, match="balls of another package says itself where it runs"):
         open_network("balls", device="cpu")
-    assert main(["models", "list"]) == 0
-    assert "balls" in capsys.readouterr().out
+    for arguments in (["models"], ["models", "list"]):
+        assert main(arguments) == 0
+        assert "balls" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("package")

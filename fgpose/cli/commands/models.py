@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -70,7 +70,7 @@ class ListModels:
 
 @dataclass(frozen=True, kw_only=True)
 class Models:
-    """Weights of pose networks: pull fetches them, list lists them.
+    """Weights of pose networks: pull fetches them, list lists them, which is the default.
 
     Example: fgpose models pull blazepose-full
     """
@@ -78,7 +78,7 @@ class Models:
     action: (
         Annotated[Pull, subcommand("pull", prefix_name=False)]
         | Annotated[ListModels, subcommand("list", prefix_name=False)]
-    )
+    ) = field(default_factory=ListModels)
 
     def run(self) -> None:
         self.action.run()

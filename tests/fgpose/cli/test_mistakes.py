@@ -50,7 +50,6 @@ NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
         (["smooth", "x", *NEEDED, "--frames", "1.5"], "--frames 1.5: a whole number is needed"),
         (["smooth", "x", *NEEDED, "--people", "two"], "--people two: choose auto, all or 1"),
         (["smooth", "x", "--rig"], "--rig: a value is missing"),
-        (["models"], "fgpose models needs one of pull, list"),
         (["models", "pul"], "fgpose models pul is none of pull, list; did you mean pull?"),
         (["models", "pull"], "fgpose models pull needs NAME; fgpose models pull --help lists what there is"),
     ],
