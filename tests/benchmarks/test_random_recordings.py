@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 import tyro
 
+from fgpose_benchmarks.accuracy.methods import find_methods
 from fgpose_benchmarks.cli.benchmark import Benchmark
 from fgpose_benchmarks.comparison.recording import BenchmarkRecording
 from fgpose_benchmarks.comparison.scores import Score, load_scores
 from fgpose_benchmarks.people.scores import PeopleScore
 from fgpose_benchmarks.random_recordings import crowds, scene
+from fgpose_benchmarks.random_recordings.benchmark import ONE_PERSON
 from fgpose_benchmarks.random_recordings.conditions import Conditions, draw
 from fgpose_benchmarks.random_recordings.crowds import draw_crowd, record_crowd
 from fgpose_benchmarks.random_recordings.errors import switching
@@ -56,6 +58,11 @@ def test_a_recording_is_the_same_at_each_call() -> None:
     for name in ("points2d_px", "confidence", "points3d_m"):
         np.testing.assert_array_equal(getattr(first.observations, name), getattr(again.observations, name))
     assert first.rig.positions_m.tolist() == again.rig.positions_m.tolist()
+
+
+def test_both_solvers_of_the_online_window_run() -> None:
+    assert {"fgpose online, lag 0.2 s", "fgpose online by window, lag 0.2 s"} <= set(ONE_PERSON.names)
+    find_methods(ONE_PERSON.names, ONE_PERSON.methods)
 
 
 def test_seeds_differ_in_every_condition() -> None:

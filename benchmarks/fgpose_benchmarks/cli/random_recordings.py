@@ -35,7 +35,7 @@ class Random:
     could tell anything from is left out."""
     people: bool = False
     """Who is who, and where: recordings of several people."""
-    methods: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: five, or all)")] = ()
+    methods: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: six, or all)")] = ()
     """Only these methods, by their names in the open benchmark, or in that of several people."""
     output: OutputFolder = Path("out/benchmark-random")
     workers: Annotated[int, arg(metavar="N")] = 2
