@@ -144,6 +144,7 @@ def _view(key: str, table: dict[str, Any]) -> CalibratedView:
     if missing:
         raise ValueError(f"camera {name}: {', '.join(missing)} is missing")
     width, height = numbers(name, "size", table["size"], 2)
+    clock: dict[str, Any] = {key: float(numbers(name, key, table.get(key, 0.0), 1)[0]) for key in _CLOCK}
     return CalibratedView(
         name=name,
         size_px=(round(width), round(height)),
@@ -152,7 +153,7 @@ def _view(key: str, table: dict[str, Any]) -> CalibratedView:
         t=numbers(name, "translation", table["translation"], 3),
         distortion=numbers(name, "distortions", table["distortions"]).ravel(),
         lens="fisheye" if table.get("fisheye", False) else "pinhole",
-        **{key: float(numbers(name, key, table.get(key, 0.0), 1)[0]) for key in _CLOCK},
+        **clock,
         clock_jumps=_jumps(name, table.get("clock_jumps", [])),
         moves=_moves(name, table.get("moves", [])),
     )
