@@ -185,7 +185,8 @@ def test_a_run_that_is_killed_while_it_writes_leaves_no_file_of_the_viewer_from_
 
 def test_a_recording_is_gathered_once(source: Source[Observations], monkeypatch: pytest.MonkeyPatch) -> None:
     """However many methods are compared and shown; the second run with the same parameters needs nothing anew. It is
-    undistorted before that to see which views follow the person, and its limbs to see whose sides are exchanged."""
+    undistorted before that to see which views follow the person, and its limbs to see whose sides are exchanged, and
+    which are on the other one."""
     undistorted: Counter[str] = Counter()
     triangulated: list[int] = []
     undistort, triangulate_robust = Camera.undistort, gather_module.triangulate_robust
@@ -208,7 +209,7 @@ def test_a_recording_is_gathered_once(source: Source[Observations], monkeypatch:
             pipeline.show(result, recording)
     points2d_px = source.observations.points2d_px
     limbs_px = points2d_px[:, 0, limb_joints(source.observations.skeleton).ravel()]
-    assert undistorted == dict.fromkeys(source.rig.names, 2 * points2d_px[:, 0].size + limbs_px.size)
+    assert undistorted == dict.fromkeys(source.rig.names, 2 * (points2d_px[:, 0].size + limbs_px.size))
     assert triangulated == [points2d_px.size]
 
 

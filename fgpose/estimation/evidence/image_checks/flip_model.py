@@ -29,6 +29,7 @@ _BEGIN_PER_S = 0.2
 _END_PER_S = 2.0
 """Rates at which flips begin and end: a flip lasts 0.5 s on average, and one view in eleven is flipped, as measured
 with the poorest network."""
+_SHARE = _BEGIN_PER_S / (_BEGIN_PER_S + _END_PER_S)
 # These bound time and memory, which grow with states and pairs of views; 15 are all pairs of six cameras.
 _FEW, _MAX_FLIPPED_AT_ONCE = 6, 2
 _MAX_PAIRS = 15
@@ -157,7 +158,9 @@ def log_change(
         counts = np.minimum(weights, before_weights[..., side])
         return np.sum(_truncated(distance_m / reach_m[..., side]) * counts, axis=(-1, -2))
 
-    begin, end = -np.expm1(-_BEGIN_PER_S * step_s), -np.expm1(-_END_PER_S * step_s)
+    # After a long step it is as in the first frame.
+    changed = -np.expm1(-(_BEGIN_PER_S + _END_PER_S) * step_s)
+    begin, end = _SHARE * changed, (1.0 - _SHARE) * changed
     stay, switch = jump([0, 1]), jump([1, 0])
     with np.errstate(divide="ignore"):
         none = [np.log(1.0 - begin) - stay, np.log(begin) - switch]
@@ -174,5 +177,4 @@ def of_states(
 
 def log_prior(states: Int[np.ndarray, "state camera"]) -> Float[np.ndarray, " state"]:
     """Log probability of each state in the first frame."""
-    share = _BEGIN_PER_S / (_BEGIN_PER_S + _END_PER_S)
-    return np.asarray(np.where(states == 1, np.log(share), np.log(1.0 - share)).sum(axis=-1))
+    return np.asarray(np.where(states == 1, np.log(_SHARE), np.log(1.0 - _SHARE)).sum(axis=-1))

@@ -21,7 +21,7 @@ from fgpose.sampling import nearest, parts_of, stretches
 from fgpose.skeleton import Skeleton
 
 # In metres at the person: limbs are 0.1 m thick, and views that agree miss each other by 10 to 40 mm.
-_ONE_PLACE_M, _MISSED_M, _OFF_M = 0.06, 0.05, 0.1
+_ONE_PLACE_M, _OFF_M, _USUAL_M, _TIMES = 0.06, 0.1, 0.025, 2.0
 # Of the frames in a row: 0.09 at most where limbs cover each other for long, 0.2 and more where one is put on the
 # other.
 _SAID_SHARE = 0.15
@@ -154,33 +154,44 @@ def _said(
     frames, pairs = np.nonzero(doubtful.any(axis=1))
     if len(frames):
         of_pairs = points_px[frames, :, pairs], weights[frames, :, pairs], doubtful[frames, :, pairs]
-        missed_m = _missed_m(*of_pairs, m_per_px[frames], rig)
-        only_other = (missed_m > _MISSED_M) & (2 * missed_m[..., ::-1] < missed_m)
+        only_other = _only_other(*of_pairs, m_per_px[frames], rig)
         more[frames, :, pairs] = only_other.astype(int) - only_other[..., ::-1]
     return np.stack([more[:, :, limb.pairs].sum(axis=2) > 0 for limb in all_limbs], axis=2)
 
 
-def _missed_m(
+def _only_other(
     points_px: Float[np.ndarray, "point camera side 2"],
     weights: Float[np.ndarray, "point camera side"],
     doubtful: Bool[np.ndarray, "point camera"],
     m_per_px: Float[np.ndarray, "point camera"],
     rig: CameraRig,
-) -> Float[np.ndarray, "point camera side"]:
-    """By how much the views miss each other, root mean square by degrees of freedom, in metres at the person, if the
-    detection of a doubtful one is of the same joint as those of the others that agree; NaN: it is not doubtful, or
-    most of the others do not agree. Where only two opposite cameras do, on any point of the line between them, little
-    is missed."""
-    others = np.where(doubtful[..., None], 0.0, weights)
+) -> Bool[np.ndarray, "point camera side"]:
+    """Which doubtful detections miss those of the other views, of which most agree, by so much more than these miss
+    each other, where the detection of the other side fits. Where only two opposite cameras agree, on any point of the
+    line between them, little is missed."""
+    others, by_side_px = np.where(doubtful[..., None], 0.0, weights), points_px.swapaxes(1, 2)
     agree = triangulate_robust(points_px, others, rig, rig.in_own_px(INLIER_PX)).inliers
     most = np.asarray(2 * agree.sum(axis=-1) > (others > 0).sum(axis=1))
-    by_side_px, missed_m = points_px.swapaxes(1, 2), np.full(weights.shape, np.nan)
+    missed_m = np.full(weights.shape, np.nan)
     for camera in np.flatnonzero(doubtful.any(axis=0)).tolist():
         with_it = agree.copy()
         with_it[..., camera] = True
-        joint_m = triangulate(by_side_px, with_it.astype(float), rig.projection_matrices)
-        off_m = np.linalg.norm(rig.project(joint_m).swapaxes(1, 2) - by_side_px, axis=-1) * m_per_px[:, None]
-        known = doubtful[:, camera, None] & most
-        freedom = 2 * with_it.sum(axis=-1) - 3
-        missed_m[:, camera] = np.where(known, np.sqrt(np.where(with_it, off_m**2, 0.0).sum(axis=-1) / freedom), np.nan)
-    return missed_m
+        of_all_m = _missed_m(by_side_px, with_it, m_per_px, rig)
+        missed_m[:, camera] = np.where(doubtful[:, camera, None] & most, of_all_m, np.nan)
+    by_others_m, by_other_side_m = _missed_m(by_side_px, agree, m_per_px, rig)[:, None], missed_m[..., ::-1]
+    usual_m = np.maximum(np.maximum(by_others_m, by_other_side_m), _USUAL_M)
+    return np.asarray((missed_m > _TIMES * usual_m) & (by_other_side_m < _TIMES * _USUAL_M))
+
+
+def _missed_m(
+    points_px: Float[np.ndarray, "point side camera 2"],
+    used: Bool[np.ndarray, "point side camera"],
+    m_per_px: Float[np.ndarray, "point camera"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "point side"]:
+    """By how much these views miss the point that they tell together: root mean square by degrees of freedom, in metres
+    at the person."""
+    joint_m = triangulate(points_px, used.astype(float), rig.projection_matrices)
+    off_m = np.linalg.norm(rig.project(joint_m).swapaxes(1, 2) - points_px, axis=-1) * m_per_px[:, None]
+    freedom = np.maximum(2 * used.sum(axis=-1) - 3, 1)
+    return np.sqrt(np.where(used, off_m**2, 0.0).sum(axis=-1) / freedom)

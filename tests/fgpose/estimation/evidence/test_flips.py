@@ -277,6 +277,14 @@ def test_online_most_are_found_and_no_others(blazepose, at_once, one_by_one):
     assert (found & ~views).sum() < 0.02 * views.size
 
 
+def test_online_a_long_gap_makes_no_flips(blazepose):
+    """A probability of having begun meanwhile that comes near 1 did."""
+    rig, observations = blazepose
+    late = replace(observations, time_s=observations.frame_time_s + 3600.0 * (np.arange(100) >= 50))
+    nowhere_m = np.full((100, observations.skeleton.n_joints, 3), np.nan)  # all are judged
+    assert not online(late, rig, nowhere_m, one_by_one=False).any()
+
+
 def test_online_somebody_who_is_not_expected_yet_is_judged_by_all_views(blazepose):
     rig, observations = blazepose
     views = np.zeros((10, 4), dtype=bool)

