@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import fgpose
+from fgpose.estimation.evidence.image_checks.flip_model import log_change, log_prior
 from fgpose.estimation.evidence.image_checks.flips import correct_flips, flip_probability, flips
 from fgpose.estimation.evidence.image_checks.running_flips import RunningFlips
 from fgpose.estimation.evidence.image_checks.sides import exchanged_joints, sides_of
@@ -277,12 +278,12 @@ def test_online_most_are_found_and_no_others(blazepose, at_once, one_by_one):
     assert (found & ~views).sum() < 0.02 * views.size
 
 
-def test_online_a_long_gap_makes_no_flips(blazepose):
-    """A probability of having begun meanwhile that comes near 1 did."""
-    rig, observations = blazepose
-    late = replace(observations, time_s=observations.frame_time_s + 3600.0 * (np.arange(100) >= 50))
-    nowhere_m = np.full((100, observations.skeleton.n_joints, 3), np.nan)  # all are judged
-    assert not online(late, rig, nowhere_m, one_by_one=False).any()
+def test_after_a_long_time_a_view_is_flipped_as_probably_as_in_the_first_frame():
+    """A probability of having begun meanwhile that comes near 1 flipped everybody after a gap."""
+    nothing_px, nothing = np.zeros((1, 1, 2, 2)), np.zeros((1, 1, 2))
+    change = log_change(nothing_px, nothing, nothing_px, nothing, nothing, np.array([3600.0]), np.ones(1))
+    first = np.exp(log_prior(np.array([[0], [1]])))
+    np.testing.assert_allclose(np.exp(change[0]), [first, first], atol=1e-12)
 
 
 def test_online_somebody_who_is_not_expected_yet_is_judged_by_all_views(blazepose):
