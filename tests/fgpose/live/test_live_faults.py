@@ -126,9 +126,9 @@ def test_uncertainty_grows_while_a_camera_is_missing(kind: CameraFaultKind) -> N
         mean_mm([each.sigma_m for each in scored([f for f in one.frames if begin_s <= f.time_s - START_S <= end_s])])
         for one in (ran, calm)
     )
-    # Of four cameras that see the same, three have a 15 % larger standard deviation: half of it, for a part of the
-    # images of some faults is used.
-    assert with_fault > 1.07 * without
+    # Of four cameras that see the same, three have a 15 % larger standard deviation: a third of it, for a part of the
+    # images of some faults is used, and a few frames of little certainty make 2 % of the mean of 36.
+    assert with_fault > 1.05 * without
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -24,7 +24,7 @@ from fgpose.skeleton import Skeleton
 _ONE_PLACE_M, _OFF_M, _USUAL_M, _TIMES = 0.06, 0.1, 0.025, 2.0
 # Of the frames in a row: 0.09 at most where limbs cover each other for long, 0.2 and more where one is put on the
 # other.
-_SAID_SHARE = 0.15
+_SAID_SHARE = 0.15  # and online, where those to come are not known, more than one
 _FRAMES_AT_ONCE = 200  # bounds memory
 _FEWEST = 3  # cameras: with two no others can agree
 
@@ -97,7 +97,8 @@ class RunningOtherSide:
         n_frames = np.where(goes_on, self.n_frames + 1, 0)
         n_said = np.where(goes_on[..., None], self.n_said + said, 0)
         last = np.where(said.any(axis=-1, keepdims=True), said, self.last & goes_on[..., None])
-        own = last & (n_said.sum(axis=-1) > _SAID_SHARE * n_frames)[..., None]
+        enough = np.maximum(_SAID_SHARE * n_frames, 1)
+        own = last & (n_said.sum(axis=-1) > enough)[..., None]
         for number, limb in enumerate(all_limbs):
             found |= _of_joints(own[None, :, number], at_one_place, limb, images.skeleton)
         return found[0], RunningOtherSide(n_frames, n_said, last)
