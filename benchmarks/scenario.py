@@ -11,7 +11,15 @@ from jaxtyping import Float
 from fgpose import Config, load_rig, load_skeleton
 from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 from fgpose.monocular.sources import Sources, open_sources
-from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
+from fgpose_benchmarks.synthetic import (
+    NO_OCCLUSION,
+    DetectionNoise,
+    Occlusion,
+    Scene,
+    motion_from_npz,
+    ring_rig,
+    simulate,
+)
 
 # Punching on the spot: the person stays in all four images, so that every detection there can be is there.
 _CLIP = Path(__file__).parent / "fgpose_benchmarks" / "data" / "mocap_cmu" / "cmu_02_05.npz"
@@ -22,12 +30,12 @@ POSITIONS_ONLY = Config(solver={"covariance": False})
 """What aniposelib gives too; what the covariances cost is measured by itself."""
 
 
-def scene(n_frames: int) -> Scene:
+def scene(n_frames: int, occlusion: Occlusion = NO_OCCLUSION) -> Scene:
     """The start of the clip or, beyond its end, the clip back and forth."""
     clip_m, fps = motion_from_npz(_CLIP)
     clip_m = clip_m[:_CLIP_FRAMES]
     truth_m = clip_m[:n_frames] if n_frames <= len(clip_m) else _back_and_forth(clip_m, n_frames)
-    return simulate(truth_m, load_skeleton("h36m_17"), ring_rig(), fps, DetectionNoise(), NO_OCCLUSION, _SEED)
+    return simulate(truth_m, load_skeleton("h36m_17"), ring_rig(), fps, DetectionNoise(), occlusion, _SEED)
 
 
 def scene_of_33_joints(n_frames: int) -> Scene:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 import fgpose
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, Occlusion
 from isolated import Solver, run_isolated
 from metric import Metric
 from scenario import POSITIONS_ONLY, scene, scene_of_33_joints
@@ -74,6 +75,16 @@ def online(n_frames: int, solver: Solver, n_joints: Literal[17, 33] = 17) -> lis
         )
         for what, percent, limit in zip(("median update", "99th percentile"), (50, 99), limits_ms, strict=True)
     ]
+
+
+def online_occluded(n_frames: int, solver: Solver) -> list[Metric]:
+    """How much longer an update takes where three of the four cameras are occluded."""
+    clear_ms, occluded_ms = (
+        np.median(run_isolated(solver, scene(n_frames, occlusion).observations)["wall_ms"][_WARM_UP_FRAMES:])
+        for occlusion in (NO_OCCLUSION, Occlusion())
+    )
+    name = f"online by {solver}, 17 joints, {n_frames} frames: median update, occluded over clear"
+    return [Metric(name, float(occluded_ms / clear_ms), "x", limit=1.3)]
 
 
 def online_long(n_frames: int, solver: Solver) -> list[Metric]:
