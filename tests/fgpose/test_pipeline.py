@@ -16,7 +16,7 @@ from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence import fusion
 from fgpose.estimation.evidence import gather as gather_module
 from fgpose.estimation.evidence.gather import gather
-from fgpose.estimation.evidence.image_checks.flips import limb_joints
+from fgpose.estimation.evidence.image_checks.sides import limb_joints
 from fgpose.estimation.online.window import Window
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.settling import informed

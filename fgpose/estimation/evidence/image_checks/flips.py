@@ -25,9 +25,9 @@ from fgpose.estimation.evidence.image_checks.flip_model import (
 )
 from fgpose.estimation.evidence.image_checks.sides import (
     Sides,
+    can_tell,
     exchanged,
     exchanged_joints,
-    limb_joints,
     limbs,
     sides_of,
     with_sides_exchanged,
@@ -37,7 +37,6 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 from fgpose.sampling import parts_of, stretches
-from fgpose.skeleton import Skeleton
 
 SURE = 0.9
 """A view that is flipped with at least this probability is corrected. Detections of an uncertain one keep their weight:
@@ -51,7 +50,8 @@ _CONFIRMED_SHARE, _APART_M, _FEWEST = 0.1, 0.08, 3
 _JUDGED_SHARE, _FITS_SHARE = 0.5, 0.25
 _AROUND_S, _DOUBT = 0.5, 0.5  # of a suspicious frame: flips begin and end where left and right coincide
 _ROUNDS = 3  # in a rig of more than six cameras two flips are found in each
-_TWO = 2
+TWO = 2
+"""Cameras, without another one that could judge them."""
 _FRAMES_AT_ONCE, _MOST_FRAMES = 200, 5000  # bound memory
 _OVERLAP = 100  # frames, of flips that begin before such a part
 
@@ -76,7 +76,7 @@ def flips(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame
     """
     observations.check_cameras(rig.names)
     flipped = np.zeros(observations.confidence.shape, dtype=bool)
-    if not can_tell(observations.skeleton, rig):
+    if not can_tell(observations.skeleton, rig, TWO):
         return flipped
     for start, stop in _suspicious_parts(observations, rig):
         for part in parts_of(stop - start, _MOST_FRAMES):
@@ -113,7 +113,7 @@ def _suspicious_parts(observations: Observations, rig: CameraRig) -> list[tuple[
         points_px, weights = limbs(observations.frames(part), rig)
         shows = weights.any(axis=(2, 3))
         met_m, all_sides = _met_m(points_px, weights, rig), sides_of(observations.skeleton)
-        suspicious[part] = (shows.sum(axis=1) == _TWO) | suspicious_sides(points_px, met_m, rig, all_sides).any((1, 2))
+        suspicious[part] = (shows.sum(axis=1) == TWO) | suspicious_sides(points_px, met_m, rig, all_sides).any((1, 2))
     around_s = time_to_known_s(suspicious[:, None], observations.frame_time_s)[:, 0]
     return stretches(around_s <= _AROUND_S)
 
@@ -147,15 +147,15 @@ def confirmed(
     for camera in np.flatnonzero(found.any(axis=0)).tolist():
         frames = np.flatnonzero(found[:, camera])
         by_others = others[frames]
-        if rig.n_cameras > _TWO:
+        if rig.n_cameras > TWO:
             by_others[:, camera] = 0.0
         met_m = _met_m(others_px[frames], by_others, rig)
         misfits = (each[:, camera].sum(axis=1) for each in _misfits(points_px[frames], met_m, rig))
-        begins = np.flatnonzero(np.diff(frames, prepend=-_TWO) > 1)
+        begins = np.flatnonzero(np.diff(frames, prepend=-TWO) > 1)
         misfit, other_way, judged = (np.add.reduceat(each, begins) for each in misfits)
         clear = (judged >= _FEWEST) & (misfit - other_way > _CONFIRMED_SHARE * judged)
         lengths = np.diff(begins, append=len(frames))
-        if rig.n_cameras == _TWO:
+        if rig.n_cameras == TWO:
             n_joints = np.prod(weights.shape[2:])
             clear &= (judged >= _JUDGED_SHARE * n_joints * lengths) & (other_way < _FITS_SHARE * judged)
         sure[frames, camera] = np.repeat(clear, lengths)
@@ -198,7 +198,7 @@ def _misfits(
 def flip_probability(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
     """Probability that each view has left and right of the whole body exchanged; 0 where it sees nothing of the
     limbs."""
-    if not can_tell(observations.skeleton, rig):
+    if not can_tell(observations.skeleton, rig, TWO):
         return np.zeros((observations.n_frames, rig.n_cameras))
     return _probability(*limbs(observations, rig), observations.frame_time_s, rig)
 
@@ -225,11 +225,6 @@ def _probability(
     change = log_change(points_px, weights, before_px, before_weights, passed_s, step_s, scale)
     posterior = _forward_backward(-cost, change, states)
     return np.where(weights.any(axis=(2, 3)), posterior @ states, 0.0)
-
-
-def can_tell(skeleton: Skeleton, rig: CameraRig) -> bool:
-    """Whether there are limbs with two sides, and another camera that sees them."""
-    return rig.n_cameras >= _TWO and len(limb_joints(skeleton)) > 0
 
 
 def _last_seen(seen: Bool[np.ndarray, "frame camera pair side"]) -> Int[np.ndarray, "frame camera pair side"]:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.estimation.evidence.image_checks.flip_model import INLIER_PX, metres_per_px
-from fgpose.estimation.evidence.image_checks.sides import Sides, limb_joints, limbs, of_limb, sides_of
+from fgpose.estimation.evidence.image_checks.sides import Sides, can_tell, limb_joints, limbs, of_limb, sides_of
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.observations import Observations
@@ -32,7 +32,7 @@ _FEWEST = 3  # cameras: with two no others can agree
 def on_other_side(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera joint"]:
     """The detections that are of the joint on the other side of the body."""
     found, all_limbs = np.zeros(observations.confidence.shape, dtype=bool), _limbs_of(observations.skeleton)
-    if not _can_tell(observations.skeleton, rig):
+    if not can_tell(observations.skeleton, rig, _FEWEST):
         return found
     parts = list[tuple[np.ndarray, np.ndarray]]()
     for part in parts_of(observations.n_frames, _FRAMES_AT_ONCE):
@@ -78,7 +78,7 @@ class RunningOtherSide:
             rig: the cameras.
         """
         found = np.zeros(images.confidence.shape, dtype=bool)
-        if not _can_tell(images.skeleton, rig) or images.seen[0].any(axis=-1).sum() < _FEWEST:
+        if not can_tell(images.skeleton, rig, _FEWEST) or images.seen[0].any(axis=-1).sum() < _FEWEST:
             return found[0], self
         all_limbs, limbs_m = _limbs_of(images.skeleton), expected_m[limb_joints(images.skeleton)].reshape(-1, 3)
         points_px, weights = limbs(images, rig)
@@ -102,10 +102,6 @@ class RunningOtherSide:
         for number, limb in enumerate(all_limbs):
             found |= _of_joints(own[None, :, number], at_one_place, limb, images.skeleton)
         return found[0], RunningOtherSide(n_frames, n_said, last)
-
-
-def _can_tell(skeleton: Skeleton, rig: CameraRig) -> bool:
-    return rig.n_cameras >= _FEWEST and len(limb_joints(skeleton)) > 0
 
 
 def _limbs_of(skeleton: Skeleton) -> tuple[Sides, ...]:

@@ -15,14 +15,10 @@ from fgpose.estimation.evidence.image_checks.flip_model import (
     of_states,
     possible_states,
 )
-from fgpose.estimation.evidence.image_checks.flips import (
-    SURE,
-    can_tell,
-    confirmed,
-    suspicious_sides,
-)
+from fgpose.estimation.evidence.image_checks.flips import SURE, TWO, confirmed, suspicious_sides
 from fgpose.estimation.evidence.image_checks.sides import (
     Sides,
+    can_tell,
     exchanged,
     exchanged_joints,
     limb_joints,
@@ -59,7 +55,7 @@ class RunningFlips:
             expected_m: where the joints are expected; NaN where that is not known.
             rig: the cameras.
         """
-        if not can_tell(images.skeleton, rig):
+        if not can_tell(images.skeleton, rig, TWO):
             return np.zeros((rig.n_cameras, images.skeleton.n_joints), dtype=bool), self
         flipped = np.zeros((rig.n_cameras, len(self._of_sides)), dtype=bool)
         time_s, of_sides = float(images.frame_time_s[0]), list[_OfSides]()

@@ -68,6 +68,11 @@ def limb_joints(skeleton: Skeleton) -> Int[np.ndarray, "pair side"]:
     return np.array(list(dict.fromkeys(ends)) or skeleton.left_right, dtype=int).reshape(-1, 2)
 
 
+def can_tell(skeleton: Skeleton, rig: CameraRig, n_cameras: int) -> bool:
+    """Whether there are limbs with two sides, and at least so many cameras that see them."""
+    return rig.n_cameras >= n_cameras and len(limb_joints(skeleton)) > 0
+
+
 def limbs(
     observations: Observations, rig: CameraRig
 ) -> tuple[Float[np.ndarray, "frame camera pair side 2"], Float[np.ndarray, "frame camera pair side"]]:
