@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.stdout.flush()
         except BaseException as error:
             if interruption.has_come or isinstance(error, KeyboardInterrupt):
-                say("fgpose: interrupted\n")
+                say(f"fgpose: interrupted{_kept(error)}\n")
                 return INTERRUPTED
             if isinstance(error, BrokenPipeError):
                 # The reader of a pipe has gone (fgpose info ... | head).
@@ -127,8 +127,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if _is_of_stdout(error):
                 silence_stdout()
                 error = not_written("the standard output", error)
-            say(f"fgpose: error: {printable(_one_line(error))}\n")
+            kept = _kept(error) if isinstance(error, NotWrittenError) else ""
+            say(f"fgpose: error: {printable(_one_line(error))}{kept}\n")
             return NOT_WRITTEN if isinstance(error, NotWrittenError) else FAILED
+
+
+def _kept(error: BaseException) -> str:
+    """What of the work is not lost: commands say it as notes."""
+    return "".join(f"; {printable(note)}" for note in getattr(error, "__notes__", ()))
 
 
 def _run(arguments: list[str]) -> int:

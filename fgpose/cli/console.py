@@ -1,10 +1,14 @@
-"""What the commands print on: text as it is, tables, and bars of progress."""
+"""What the commands print on: text as it is, tables, and bars of progress; lines in place of bars where they would not
+be seen."""
 
 from __future__ import annotations
 
 import re
+import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +23,9 @@ from rich.text import Text
 # Control characters but newline and tab, marks that turn the direction of writing, and bytes that are no text. A
 # terminal takes some of them for commands: they could change what was printed before, or what is pasted next.
 _COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+
+# Between two lines in place of a bar. Who looks into a log knows within it whether the command is at work.
+_LINE_EVERY_S = 30.0
 
 
 def printable(text: str) -> str:
@@ -37,30 +44,118 @@ class PlainConsole(Console):
         return super().render_str(printable(text), **options)
 
     def status(self, status: RenderableType, **options: Any) -> Status:
-        """A line with a spinner. Rich takes its text for markup even where the console has none."""
+        """A line with a spinner; where it could not turn a line now and then, unless the text is empty until it is
+        updated. Rich takes its text for markup even where the console has none."""
         return _PlainStatus(status, console=self, **options)
+
+    @property
+    def moves(self) -> bool:
+        """Whether what is drawn can be drawn over."""
+        return self.is_terminal and not self.is_dumb_terminal
 
 
 class _PlainStatus(Status):
-    def __init__(self, status: RenderableType, **options: Any) -> None:
-        super().__init__(_plain(status), **options)
+    def __init__(self, status: RenderableType, *, console: PlainConsole, **options: Any) -> None:
+        super().__init__(_plain(status), console=console, **options)
+        self._lines = None if console.moves or not status else ProgressLines(console, str(status))
+
+    def start(self) -> None:
+        super().start()
+        if self._lines is not None:
+            self._lines.start()
 
     def update(self, status: RenderableType | None = None, **options: Any) -> None:
         super().update(None if status is None else _plain(status), **options)
+        if self._lines is not None and status is not None:
+            self._lines.task = str(status)
+
+    def stop(self) -> None:
+        super().stop()
+        if self._lines is not None:
+            self._lines.stop()
 
 
 def _plain(text: RenderableType) -> RenderableType:
     return Text(printable(text)) if isinstance(text, str) else text
 
 
-def new_console(*, stderr: bool = False) -> Console:
+class ProgressLines:
+    """In place of what cannot move: a line every half minute; where something is counted (has a unit) also one at the
+    beginning and one at the end. They come from a thread: what is waited for may be one long step."""
+
+    def __init__(self, console: Console, task: str, unit: str = "") -> None:
+        self.task = task
+        self._console, self._unit = console, unit
+        self._begin_s = time.monotonic()
+        self._first: tuple[int, float] | None = None
+        self._now: tuple[int, int, float] | None = None
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._go_on, name="fgpose-lines", daemon=True)
+
+    def start(self) -> None:
+        if self._unit:
+            self._print(self.task)
+        self._thread.start()
+
+    def told(self, done: int, total: int) -> None:
+        """So many of so many are done."""
+        now_s = time.monotonic()
+        self._first = self._first or (done, now_s)
+        self._now = done, total, now_s
+
+    def stop(self) -> None:
+        self._ended.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._now is not None:
+            self._print(self._line("in "))
+
+    def __enter__(self) -> ProgressLines:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def _go_on(self) -> None:
+        while not self._ended.wait(_LINE_EVERY_S):
+            self._print(self._line("after "))
+
+    def _line(self, word: str) -> str:
+        taken = f"{word}{_duration(time.monotonic() - self._begin_s)}"
+        if self._now is None or self._first is None:
+            return f"{self.task}: {taken}"
+        done, total, now_s = self._now
+        share = f" ({100 * done / total:.0f} %)" if total else ""
+        first, first_s = self._first
+        # What a run that did not end had done is done at the first report, in no time.
+        left_s = (total - done) * (now_s - first_s) / (done - first) if first < done < total else None
+        left = "" if left_s is None else f", {_duration(left_s)} left"
+        return f"{self.task}: {done} of {total} {self._unit}{share} {taken}{left}"
+
+    def _print(self, line: str) -> None:
+        # Nobody may read them any more: the work goes on.
+        with suppress(OSError, ValueError):
+            self._console.print(line, soft_wrap=True)
+
+
+def _duration(seconds: float) -> str:
+    return str(timedelta(seconds=round(seconds)))
+
+
+def new_console(*, stderr: bool = False) -> PlainConsole:
     """A console that prints text as it is: file names in brackets are no markup."""
     return PlainConsole(stderr=stderr)
 
 
 @contextmanager
 def progress_bar(task: str, unit: str = "frames") -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on stderr, so that what is printed can be piped."""
+    """A progress bar on stderr, so that what is printed can be piped; lines now and then where it cannot move."""
+    console = new_console(stderr=True)
+    if not console.moves:
+        with ProgressLines(console, task, unit) as lines:
+            yield lines.told
+        return
     columns = (
         TextColumn("{task.description:<18}"),
         BarColumn(),
@@ -69,7 +164,7 @@ def progress_bar(task: str, unit: str = "frames") -> Iterator[Callable[[int, int
         TimeRemainingColumn(elapsed_when_finished=True),
     )
     # A window of the smoother may take longer than the half minute from which the time left is estimated by default.
-    with Progress(*columns, console=new_console(stderr=True), speed_estimate_period=600.0) as bar:
+    with Progress(*columns, console=console, speed_estimate_period=600.0) as bar:
         number = bar.add_task(task, total=None)
         yield lambda done, total: bar.update(number, completed=done, total=total)
 

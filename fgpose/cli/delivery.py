@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,6 +91,27 @@ def _say_what_is_shown(console: Console, result: Result, outputs: Outputs) -> No
         "" if kept is None else f"; all of a minute: fgpose view {kept} --from {begin_s:.0f} --to {begin_s + 60:.0f}"
     )
     console.print(f"{what} shows one frame in {every}, {fps:.3g} a second (--rrd-fps){whole}", soft_wrap=True)
+
+
+@contextmanager
+def windows_kept(outputs: Outputs) -> Iterator[None]:
+    """An error or an interrupt meanwhile is told, as its note, which windows this run leaves to the next."""
+    before = _windows(outputs)
+    try:
+        yield
+    except BaseException as error:
+        # Others may be of other parameters, which nobody goes on from; a run that does has said so when it began.
+        own = {path.parent for path in _windows(outputs) - before}
+        n_kept = sum(path.parent in own for path in _windows(outputs))
+        if n_kept:
+            windows = "1 window that is" if n_kept == 1 else f"{n_kept} windows that are"
+            kept_in = f"{windows} solved {'is' if n_kept == 1 else 'are'} kept in {outputs.unfinished}"
+            error.add_note(f"{kept_in}; the same command goes on from there")
+        raise
+
+
+def _windows(outputs: Outputs) -> set[Path]:
+    return set(outputs.unfinished.glob("*/*.npz"))
 
 
 def deliver(

@@ -109,14 +109,16 @@ class RecordingOptions(KeypointOptions, WantedOptions):
     def load(self) -> AnySource:
         """Read the recording: of everybody, or of one person, as is wanted and as many as there are. Raises ValueError
         and OSError as pipeline.load_source."""
+        from fgpose.cli.console import new_console
         from fgpose.pipeline import load_source
 
         names = ("cameras", "fps", "unit", "points3d_frame", "points3d_unit", "min_confidence")
         reading: dict[str, Any] = {name: getattr(self, name) for name in names}
         files = self.keypoints, self.rig, self.skeleton
-        return self.prepared(
-            load_source(*files, people=self.region or self.people, n_frames=checked_frames(self.frames), **reading)
-        )
+        people, n_frames = self.region or self.people, checked_frames(self.frames)
+        with new_console(stderr=True).status("reading the recording"):
+            source = load_source(*files, people=people, n_frames=n_frames, **reading)
+        return self.prepared(source)
 
     def prepared(self, source: Source[Recording]) -> Source[Recording]:
         """What is done with a recording before anything else."""

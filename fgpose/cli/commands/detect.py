@@ -75,8 +75,13 @@ class NetworkOptions:
         from fgpose.monocular.detection import detect
 
         cache, network = self._cache_folder(), self.open_network()
-        with progress_bar("detecting", "images") as progress:
-            detected = detect(sources, network, cache=cache, jobs=self.jobs, frames=frames, progress=progress)
+        try:
+            with progress_bar("detecting", "images") as progress:
+                detected = detect(sources, network, cache=cache, jobs=self.jobs, frames=frames, progress=progress)
+        except BaseException as error:
+            if cache is not None:
+                error.add_note(f"detections so far are kept in {cache}; the same command goes on from there")
+            raise
         print_detected(console, detected, cache)
         return detected
 

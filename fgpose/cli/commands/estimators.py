@@ -69,13 +69,13 @@ class Smooth(OverTimeOptions):
     step: ClassVar[str] = "smooth"
 
     def run(self) -> int:
-        from fgpose.cli.delivery import deliver
+        from fgpose.cli.delivery import deliver, windows_kept
         from fgpose.cli.viewers import live_viewer
         from fgpose.pipeline import run_smooth
 
         outputs = self.checked_outputs("smoothed")
         source = self.load()
-        with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
+        with windows_kept(outputs), live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(
                     source,

@@ -80,7 +80,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         return self.sources_of(find_clips(self.videos, fps=self.fps, cameras=self.cameras), self.frames)
 
     def run(self) -> int:
-        from fgpose.cli.delivery import deliver
+        from fgpose.cli.delivery import deliver, windows_kept
         from fgpose.cli.viewers import live_viewer
         from fgpose.pipeline import run_smooth, show
 
@@ -110,7 +110,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
             if self.images and result.origin is not None and result.origin.rig is not None:
                 show_images(detected, result.origin.rig, result.frame_time_s, recording)
 
-        with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
+        with windows_kept(outputs), live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(
                     source,

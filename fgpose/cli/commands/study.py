@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.console import new_console, new_table, print_written
+from fgpose.cli.console import ProgressLines, new_console, new_table, print_written
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -142,24 +142,29 @@ def _progress() -> Iterator[tuple[OnBegin, OnOutcome]]:
         Rate(),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
+    console = new_console(stderr=True)
     # The time of one recording says little where workers take turns: the rate is that of the last half hour.
-    bar = Progress(*columns, console=new_console(stderr=True), speed_estimate_period=1800)
+    bar = Progress(*columns, console=console, speed_estimate_period=1800)
     number = bar.add_task("recordings", total=None)
+    lines = ProgressLines(console, "study", "recordings")
+    task, shown = bar.tasks[0], bar if console.moves else lines
 
     def on_begin(n_recordings: int) -> None:
         bar.update(number, total=n_recordings)
-        bar.start()
+        lines.told(0, n_recordings)
+        shown.start()
 
     def on_outcome(outcome: RecordingOutcome) -> None:
         if outcome.status == "failed":
-            bar.console.print(f"failed: {outcome.recording.key}: {outcome.reason}", soft_wrap=True)
+            console.print(f"failed: {outcome.recording.key}: {outcome.reason}", soft_wrap=True)
         bar.update(number, advance=1)
+        lines.told(int(task.completed), int(task.total or 0))
 
     try:
         yield on_begin, on_outcome
     finally:
-        if bar.live.is_started:
-            bar.stop()
+        if task.total is not None:
+            shown.stop()
 
 
 def _print_result(console: Console, result: StudyResult) -> None:

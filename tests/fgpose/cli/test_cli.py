@@ -326,7 +326,10 @@ def test_an_interrupted_run_goes_on_where_it_was(
     with monkeypatch.context() as patched:
         patched.setattr(estimators, "progress_bar", interrupted)
         assert main(["smooth", *source, "--output", str(tmp_path / "out"), *windows]) == 130
-    assert [path.name for path in (tmp_path / "out").iterdir()] == [".walk_unfinished"]
+    kept = tmp_path / "out" / ".walk_unfinished"
+    said = f"fgpose: interrupted; 2 windows that are solved are kept in {kept}; the same command goes on from there\n"
+    assert capsys.readouterr().err.endswith(said)
+    assert list((tmp_path / "out").iterdir()) == [kept]
     assert main(["smooth", *source, "--output", str(tmp_path / "out"), *windows]) == 0
     assert "2 of 3 windows were solved by a run that did not end; it goes on from there" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["walk.npz"]

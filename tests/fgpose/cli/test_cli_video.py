@@ -137,7 +137,10 @@ def test_ctrl_c_keeps_what_was_detected(
     network.before_image = interrupt
     arguments = ["run", *source, "-o", str(tmp_path / "out"), "--cache", str(tmp_path / "mine"), "--formats", "npz"]
     assert main(arguments) == 130
-    assert capsys.readouterr().err.endswith("fgpose: interrupted\n")
+    said = (
+        f"fgpose: interrupted; detections so far are kept in {tmp_path / 'mine'}; the same command goes on from there\n"
+    )
+    assert capsys.readouterr().err.endswith(said)
     assert list((tmp_path / "out").iterdir()) == []
     network.before_image = lambda n_seen: None
     assert main(arguments) == 0
