@@ -1,8 +1,9 @@
 """Configuration: the parameters of all parts as one, from keywords or from TOML, checked alike.
 
 load_config reads a Config. Its sections are FusionConfig, ProjectionConfig, VisibilityConfig, DepthConfig,
-SymmetryConfig, MotionConfig, SwingConfig, PriorConfig, RefinementConfig, CalibrationConfig, SolverConfig, OnlineConfig
-and TrackingConfig. What may be given in place of one is a Section; of all, by name, Sections.
+SymmetryConfig, MotionConfig, SwingConfig, PriorConfig, RefinementConfig, CalibrationConfig, SolverConfig,
+OnlineConfig, TrackingConfig and MonocularConfig. What may be given in place of one is a Section; of all, by name,
+Sections.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from fgpose.parameters import (
     CalibrationConfig,
     DepthConfig,
     FusionConfig,
+    MonocularConfig,
     MotionConfig,
     OnlineConfig,
     PriorConfig,
@@ -44,6 +46,7 @@ __all__ = [
     "Config",
     "DepthConfig",
     "FusionConfig",
+    "MonocularConfig",
     "MotionConfig",
     "OnlineConfig",
     "PriorConfig",
@@ -84,6 +87,7 @@ class Sections(TypedDict, total=False):
     solver: SolverConfig | Section
     online: OnlineConfig | Section
     tracking: TrackingConfig | Section
+    monocular: MonocularConfig | Section
 
 
 @dataclass(frozen=True, init=False)
@@ -107,6 +111,7 @@ class Config:
     solver: SolverConfig
     online: OnlineConfig
     tracking: TrackingConfig
+    monocular: MonocularConfig
 
     def __init__(self, **sections: Unpack[Sections]) -> None:
         every_section: dict[str, Any] = {name: {} for name in _kinds(Config)}
@@ -191,7 +196,7 @@ def _convert(kind: Any, value: Any, name: str) -> Any:
         if value not in choices:
             raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {reprlib.repr(value)}")
         return value
-    if isinstance(kind, types.UnionType):
+    if typing.get_origin(kind) in (types.UnionType, typing.Union):  # the latter of a Literal and None
         (kind,) = (each for each in typing.get_args(kind) if each is not type(None))
         return None if value is None else _convert(kind, value, name)
     if typing.get_origin(kind) is tuple:

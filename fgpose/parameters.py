@@ -12,6 +12,18 @@ from typing import Literal
 
 from fgpose_factors.kernels import Kernel
 
+Device = Literal["auto", "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml"]
+"""What a network runs on; auto: the first of cuda, directml, openvino and cpu that this onnxruntime has."""
+
+
+@dataclass(frozen=True)
+class MonocularConfig:
+    """From images to the joints that each camera sees (fgpose run, live and study)."""
+
+    device: Device = "auto"
+    """Where networks run, as fgpose models list shows; --device, and detect.device of a study, override it. auto: the
+    first of cuda, directml, openvino and cpu that this onnxruntime has."""
+
 
 @dataclass(frozen=True)
 class FusionConfig:

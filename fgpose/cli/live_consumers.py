@@ -42,7 +42,7 @@ class LiveInputs:
     """Network that looks for people in images."""
     max_people: Annotated[int, arg(metavar="N")] = 2
     """How many people to find in each image at most."""
-    device: Device = "auto"
+    device: Annotated[Device | None, arg(help_behavior_hint="(default: auto, or monocular.device of --config)")] = None
     """Where the network runs; fgpose models list shows what is there."""
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
     """Joints of the keypoints where all detectors are elsewhere."""

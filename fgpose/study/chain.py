@@ -121,7 +121,14 @@ STEPS = (
     ChainStep(
         "detect",
         detect,
-        lambda s: (s.detect, s.steps.calibrate, s.steps.synchronise, s.from_people, _filming(s)),
+        lambda s: (
+            s.detect,
+            s.parameters.monocular,
+            s.steps.calibrate,
+            s.steps.synchronise,
+            s.from_people,
+            _filming(s),
+        ),
         _detects,
     ),
     ChainStep(

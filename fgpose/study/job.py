@@ -12,6 +12,7 @@ from fgpose.io.keypoints.stated_skeleton import stated_skeleton
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.network import Network
 from fgpose.monocular.networks import open_network
+from fgpose.monocular.networks.devices import Device
 from fgpose.pipeline import AnySource, load_source
 from fgpose.skeleton import Skeleton
 from fgpose.study.study import DetectionSettings, StudyDescription, skeleton_of
@@ -28,18 +29,18 @@ MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
 
 def network(study: StudyDescription) -> Network:
     """The network of a study, opened once in a process. Raises ValueError and OSError as open_network."""
-    return _network(study.detect, study.base)
+    return _network(study.detect, study.detect.device or study.parameters.monocular.device, study.base)
 
 
 @lru_cache(maxsize=1)
-def _network(settings: DetectionSettings, base: Path) -> Network:
+def _network(settings: DetectionSettings, device: Device, base: Path) -> Network:
     file = base / settings.model
     return open_network(
         file if file.is_file() else settings.model,
         kind=settings.network,
         detector=base / settings.detector if settings.detector else None,
         max_people=settings.max_people,
-        device=settings.device,
+        device=device,
     )
 
 

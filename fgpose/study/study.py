@@ -80,8 +80,9 @@ class DetectionSettings:
     network: Literal["blazepose", "rtmpose", "rtmw3d", "metrabs"] = "blazepose"
     detector: str = ""
     max_people: int = 8
-    device: Device = "auto"
-    """Where it runs: cpu, or what fgpose models list shows on every machine of the study."""
+    device: Device | None = None
+    """Where it runs: cpu, or what fgpose models list shows on every machine of the study. By default as
+    parameters.monocular.device."""
 
 
 @dataclass(frozen=True)

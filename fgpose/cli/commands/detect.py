@@ -59,7 +59,7 @@ class NetworkOptions:
     max_people: Annotated[int, arg(metavar="N")] = 8
     """How many people to find in each image at most. More take longer; fewer than there are, and some are not
     estimated, or the one who is chosen is somebody else in some images."""
-    device: Device = "auto"
+    device: Annotated[Device | None, arg(help_behavior_hint="(default: auto, or monocular.device of --config)")] = None
     """Where the network runs; fgpose models list shows what is there, and what auto takes."""
     jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None
     """How many cameras to work on at the same time."""
@@ -69,6 +69,11 @@ class NetworkOptions:
     """Where detections are kept, so that another run does not need the network again."""
     no_cache: Annotated[bool, FlagCreatePairsOff] = False
     """Neither keep detections nor use those that were kept."""
+
+    @property
+    def usual_device(self) -> Device:
+        """Where the network runs if nothing else is said."""
+        return "auto"
 
     def detect_in(self, sources: Sources, frames: int | None, console: Console) -> Detected:
         """All people in all images, with a progress bar."""
@@ -96,7 +101,7 @@ class NetworkOptions:
                 detector=self.detector,
                 skeleton=self.skeleton,
                 max_people=self.max_people,
-                device=self.device,
+                device=self.device or self.usual_device,
                 progress=status.update,
             )
 

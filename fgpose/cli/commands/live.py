@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from fgpose.live.recording.replay import ReplayComparison
     from fgpose.live.statistics import LiveStatistics
     from fgpose.monocular.network import Network
+    from fgpose.monocular.networks.devices import Device
     from fgpose.skeleton import Skeleton
 
 _OF_THE_PRESENT = {"distances", "distances_port", "poses_port", "input_keys", "duration_s", "resume"}
@@ -92,7 +93,7 @@ class Live(LiveOutputs, LiveInputs):
             )
         config = Config() if self.config is None else load_config(self.config)
         live_rig, clock = load_live_rig(self.rig), Clock()
-        open_network, skeleton = self._detector(live_rig)
+        open_network, skeleton = self._detector(live_rig, config.monocular.device)
         memory = None
         if self.resume is not None and self.resume.exists():
             memory = load_memory(self.resume, live_rig.rig, skeleton, config)
@@ -129,7 +130,7 @@ class Live(LiveOutputs, LiveInputs):
             options = ", ".join("RIG.toml" if name == "rig" else f"--{name.replace('_', '-')}" for name in given)
             raise ValueError(f"--replay runs a recording: leave out {options}")
 
-    def _detector(self, live_rig: LiveRig) -> tuple[Callable[[], Network] | None, Skeleton]:
+    def _detector(self, live_rig: LiveRig, usual: Device) -> tuple[Callable[[], Network] | None, Skeleton]:
         """How to open the network, where any camera needs it, and the joints."""
         from fgpose.io.skeletons import load_skeleton
         from fgpose.live.processes.camera_feed import ELSEWHERE
@@ -141,7 +142,8 @@ class Live(LiveOutputs, LiveInputs):
             if self.skeleton is None:
                 raise ValueError(f"{self.rig}: all detectors are elsewhere; say with --skeleton what their joints are")
             return None, load_skeleton(self.skeleton)
-        open_it = partial(open_network, self.model, max_people=self.max_people, device=self.device)
+        device = self.device or usual
+        open_it = partial(open_network, self.model, max_people=self.max_people, device=device)
         # Here as well, so that weights are fetched once.
         with new_console(stderr=True).status("opening the network"):
             return open_it, open_it().skeleton

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
     from fgpose.io.origin import Origin
     from fgpose.monocular.detected import Detected
+    from fgpose.monocular.networks.devices import Device
     from fgpose.monocular.sources import Sources
     from fgpose.pipeline import Outputs, Result
     from fgpose.viewer import Recording
@@ -71,6 +72,10 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
     """Images per second of each camera in the .rrd file. All together take at most 1 GB."""
     overlay: Annotated[bool, FlagCreatePairsOff] = False
     """Also draw the result into the videos: NAME_overlay.mp4, all cameras in one film. fgpose overlay draws others."""
+
+    @property
+    def usual_device(self) -> Device:
+        return self.parameters.monocular.device
 
     def sources(self) -> Sources:
         if self.rig is not None:

@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from fgpose.config import Config, config_to_toml
+from fgpose.config import Config, MonocularConfig, config_to_toml
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import write_text
 from fgpose.io.content import converted, parse_json, read_content
@@ -117,7 +117,9 @@ def load_memory(path: Path, rig: CameraRig, skeleton: Skeleton, config: Config) 
 def _made_for(rig: CameraRig, skeleton: Skeleton, config: Config) -> dict[str, str]:
     cameras = [(camera.name, camera.world_T_camera.tolist()) for camera in rig.cameras]
     body = [skeleton.name, *skeleton.joints, [list(bone) for bone in skeleton.bones], list(skeleton.length_of_bone)]
-    return {"rig": _digest(cameras), "skeleton": _digest(body), "config": _digest(config_to_toml(config))}
+    # What is remembered does not depend on where networks run.
+    used = config_to_toml(config.replace(monocular=MonocularConfig()))
+    return {"rig": _digest(cameras), "skeleton": _digest(body), "config": _digest(used)}
 
 
 def _digest(document: object) -> str:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-Device = Literal["auto", "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml"]
-"""auto: the first of cuda, directml, openvino and cpu that this onnxruntime has."""
+from fgpose.parameters import Device as Device
 
 CPU = "CPUExecutionProvider"
 _PROVIDERS: dict[Device, str] = {

@@ -17,6 +17,7 @@ from rrd_contents import entities
 import fgpose
 from fgpose.association.chosen_person import PersonRegion
 from fgpose.cli import main
+from fgpose.io.atomic import write_text
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people
 from fgpose.io.skeletons import load_skeleton
@@ -460,6 +461,25 @@ def test_networks_that_cannot_be_opened(
         lambda name, progress=None: pulled if name in names else pull(name, progress),
     )
     assert culprit in failure(["run", *source, "-o", str(tmp_path / "out"), *options], capsys)
+
+
+def test_the_device_of_the_configuration_unless_one_is_given(
+    source: list[str], network: SquaresNetwork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = []
+
+    def open_network(*_: object, device: str, **__: object) -> SquaresNetwork:
+        opened.append(device)
+        return network
+
+    monkeypatch.setattr("fgpose.monocular.networks.open_network", open_network)
+    config = tmp_path / "mine.toml"
+    write_text(config, '[monocular]\ndevice = "cuda"\n')
+    own = ["--config", str(config)]
+    for number, options in enumerate(([], own, [*own, "--device", "auto"], [*own, "--monocular.device", "cpu"])):
+        output = str(tmp_path / f"out{number}")
+        assert main(["run", *source, "-o", output, "--formats", "npz", "--frames", "6", *options]) == 0
+    assert opened == ["auto", "cuda", "auto", "cpu"]
 
 
 @pytest.mark.parametrize("command", ["detect", "run", "calibrate"])

@@ -86,13 +86,17 @@ def receive(port: int, frames: list[LiveFrame], published: threading.Event, stop
                 published.set()
 
 
+@pytest.mark.parametrize("where", ["option", "configuration"])
 def test_a_device_that_is_not_there_is_said_before_cameras_are_opened(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("onnxruntime.get_available_providers", lambda: ["CPUExecutionProvider"])
     rig = rig_file(tmp_path)
     rig.write_text(rig.read_text().replace('"zmq"', '"rtsp://127.0.0.1:9/nobody"'))
-    assert main(["live", str(rig), "--device", "openvino"]) == 2
+    config = tmp_path / "mine.toml"
+    config.write_text('[monocular]\ndevice = "openvino"\n')
+    options = ["--device", "openvino"] if where == "option" else ["--config", str(config)]
+    assert main(["live", str(rig), *options]) == 2
     printed = capsys.readouterr().err
     assert "OpenVINOExecutionProvider comes with the wheel onnxruntime-openvino" in printed
     assert "nobody" not in printed

@@ -17,7 +17,7 @@ from fgpose.io.calibration import save_rig
 from fgpose.io.trajectories import load_trajectory
 from fgpose.people_observations import PeopleObservations
 from fgpose.report import load_finished
-from fgpose.study import Plan, load_study, process
+from fgpose.study import Plan, job, load_study, process
 
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresNetwork, SquaresScene
@@ -32,6 +32,8 @@ calibration = "Calib.toml"
 angles = false
 formats = []
 """
+PARAMETERS = '[parameters.monocular]\ndevice = "cuda"\n'
+DETECT = '[detect]\ndevice = "cpu"\n'
 
 
 @pytest.fixture
@@ -40,12 +42,31 @@ def video_study(
 ) -> Path:
     """One recording of twenty images of three cameras."""
     monkeypatch.setenv("FGPOSE_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("fgpose.study.job._network", lambda settings, base: squares_network)
+    monkeypatch.setattr("fgpose.study.job._network", lambda settings, device, base: squares_network)
     squares.write_all(tmp_path / "data" / "S01" / "walk")
     save_rig(squares.rig, tmp_path / "data" / "Calib.toml")
     file = tmp_path / "data" / "study.toml"
     file.write_text(STUDY)
     return file
+
+
+@pytest.mark.parametrize(("keys", "opened_on"), [("", "auto"), (PARAMETERS, "cuda"), (PARAMETERS + DETECT, "cpu")])
+def test_the_device_of_the_parameters_unless_one_is_given(
+    keys: str, opened_on: str, tmp_path: Path, squares_network: SquaresNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    devices = []
+
+    def opened(*_: object, device: str, **__: object) -> SquaresNetwork:
+        devices.append(device)
+        return squares_network
+
+    monkeypatch.setattr("fgpose.study.job.open_network", opened)
+    job._network.cache_clear()
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY + keys)
+    job.network(load_study(file))
+    job._network.cache_clear()
+    assert devices == [opened_on]
 
 
 def test_videos_are_detected_once(video_study: Path, squares: SquaresScene, squares_network: SquaresNetwork) -> None:
