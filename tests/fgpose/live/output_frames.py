@@ -20,6 +20,8 @@ SKELETON = Skeleton(
     root=(0,),
     lines=((1, 3),),
 )
+PATIENCE_S = 600.0
+"""After so long nothing comes any more, whatever else the computer has to do."""
 START_S = 1.75e9
 """Unix time of frame 0; frames come with 30 Hz."""
 
@@ -73,7 +75,7 @@ def free_port() -> int:
 
 def wait_until(condition: Callable[[], object]) -> None:
     """Fails if it does not come true in much more time than a loaded computer takes."""
-    end_s = time.monotonic() + 120.0
+    end_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end_s, "it has not come true"
         time.sleep(0.005)

@@ -35,6 +35,7 @@ from fgpose.live.system import LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.robot.distance_messages import decode_distances, encode_robot
+from tests.fgpose.live.output_frames import PATIENCE_S
 
 SCENE_S = 2.0
 
@@ -56,7 +57,7 @@ def rig_file(folder: Path) -> Path:
 def send(port: int, published: threading.Event, enough: threading.Event) -> None:
     """As four detectors, from when something is published until it is enough: every image when it is taken, of the
     scene forth and back. Where the computer is too busy for that, the people are slower."""
-    assert published.wait(timeout=60.0)
+    assert published.wait(PATIENCE_S)
     with zmq.Context() as context, context.socket(zmq.PUSH) as detector:
         detector.setsockopt(zmq.LINGER, 0)
         detector.connect(f"tcp://127.0.0.1:{port}")

@@ -277,7 +277,9 @@ def test_after_kill_9_what_was_recorded_is_there_and_comes_again(
     for thread in threads:
         thread.start()
     try:
-        wait_until(lambda: sum(bool(frame.people) for frame in frames) > 100)
+        # Starting it takes the better part of a minute where other programs want every core.
+        wait_until(lambda: sum(bool(frame.people) for frame in frames) > 30 or system.poll() is not None)
+        assert system.poll() is None
     finally:
         os.kill(system.pid, signal.SIGKILL)
         system.wait()
