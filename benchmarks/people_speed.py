@@ -33,11 +33,10 @@ def live(duration_s: float) -> list[Metric]:
     """Latency of an update with the images of five cameras that show four people, with covariances; what of it is the
     association; and how it grows with the people, in one process."""
     metrics = []
-    for n_processes in (2, 1):
+    for n_processes, limits in ((2, (20.0, 40.0)), (1, (12.0, 22.0))):
         update_ms, associate_ms, people = _updates(_recording(4, 5, duration_s), n_processes)
         four = update_ms[people == 4]
         name = f"Tracker, 4 people, 5 cameras, {n_processes} processes"
-        limits = (20.0, 40.0) if n_processes == 2 else (None, None)
         for what, percent, limit in zip(("median update", "99th percentile"), (50, 99), limits, strict=True):
             metrics.append(Metric(f"{name}: {what}", float(np.percentile(four, percent)), "ms", limit=limit))
     of_four = float(np.median(associate_ms[people == 4]))
