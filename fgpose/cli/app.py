@@ -15,7 +15,7 @@ import traceback
 import typing
 import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
@@ -29,7 +29,7 @@ from fgpose.cli.mistakes import in_one_line
 from fgpose.cli.process import open_streams, say, set_arguments, signals_as_exceptions, silence_stdout
 from fgpose.config import Config, load_config
 from fgpose.extensions import added
-from fgpose.io.atomic import NotWrittenError, not_written
+from fgpose.io.atomic import NotWrittenError, no_empty_folders, not_written
 from fgpose.plain_files import shortened
 
 _DESCRIPTION = """3D human pose over time from several cameras, and their calibration from people or with a board.
@@ -143,8 +143,10 @@ def _run(arguments: list[str]) -> int:
         return 0
     set_arguments(arguments)
     with _plain_warnings():
-        code = _parse(arguments).run()
-    return code or 0
+        command = _parse(arguments)
+        output = getattr(command, "output", None)
+        with no_empty_folders(output) if isinstance(output, Path) else nullcontext():
+            return command.run() or 0
 
 
 def _is_of_stdout(error: BaseException) -> bool:

@@ -33,6 +33,19 @@ def check_writable(folder: str | Path) -> None:
         raise OSError(f"cannot write results into {folder}: {error.strerror or error}") from None
 
 
+@contextmanager
+def no_empty_folders(path: Path) -> Iterator[None]:
+    """An error meanwhile leaves no folder behind that was made for a result at this path and holds nothing."""
+    absent = [folder for folder in (path, *path.parents) if not folder.exists()]
+    try:
+        yield
+    except BaseException:
+        for folder in absent:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
 def check_replaceable(path: str | Path) -> None:
     """Make sure, before any work is done, that a file can be written; its folder is made if it is absent.
 

@@ -62,8 +62,16 @@ class Angles:
             whose = f"person {person}, " if len(people) > 1 else ""
             console.print(f"{whose}{trajectory.n_frames} frames, skeleton {trajectory.skeleton.name}")
             console.print(ranges_table(angles))
+        failed: dict[Path | str, Exception] = {}
         for path in self.output:
-            print_written(console, *save_kinematics(people, path, "z"))
+            try:
+                print_written(console, *save_kinematics(people, path, "z"))
+            except OSError as error:
+                failed[path] = error
+        if failed:
+            from fgpose.pipeline import OutputError
+
+            raise OutputError(failed, tuple(path for path in self.output if path not in failed))
 
 
 def ranges_table(angles: JointAngles) -> Table:

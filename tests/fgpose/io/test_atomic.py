@@ -11,7 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable, replacing, write_bytes, write_text
+from fgpose.io.atomic import (
+    NotWrittenError,
+    check_replaceable,
+    check_writable,
+    no_empty_folders,
+    replacing,
+    write_bytes,
+    write_text,
+)
 
 
 def never(path: Path) -> None:
@@ -124,3 +132,22 @@ def test_an_error_is_said_once(tmp_path: Path) -> None:
 def test_a_long_name_is_written(tmp_path: Path) -> None:
     write_bytes(tmp_path / ("n" * 250 + ".npz"), b"new")
     assert [path.name for path in tmp_path.iterdir()] == ["n" * 250 + ".npz"]
+
+
+@pytest.mark.parametrize("kept", [None, "made before", "full"])
+def test_an_error_leaves_no_empty_folder(kept: str | None, tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    if kept == "made before":
+        folder.mkdir(parents=True)
+
+    def failing() -> None:
+        with no_empty_folders(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            if kept == "full":
+                (folder / "result").touch()
+            raise ValueError
+
+    with pytest.raises(ValueError, match=r"^$"):
+        failing()
+    assert folder.exists() == bool(kept)
+    assert (tmp_path / "a").exists() == bool(kept)
