@@ -60,8 +60,8 @@ class Parity:
         information = jacobian.swapaxes(-1, -2) @ jacobian
         root = np.linalg.cholesky(invertible(information))
         explained = np.linalg.solve(root, jacobian.swapaxes(-1, -2)).swapaxes(-1, -2)
-        moved = np.einsum("tjva,tjw,tjwa->tjv", explained, residual, explained, optimize=True)
-        return Parity(np.where(of_view, residual - moved, 0.0), explained, of_view)
+        moved = explained @ (explained.swapaxes(-1, -2) @ residual[..., None])
+        return Parity(np.where(of_view, residual - moved[..., 0], 0.0), explained, of_view)
 
     def frames(self, frames: slice | Int[np.ndarray, " frame"]) -> Parity:
         """Some of the frames."""

@@ -57,7 +57,7 @@ class OnlineCovariances:
             self._unlearned_s = 0.0
         if evidence.observed.any():
             self._speed_mps = float(np.linalg.norm(oldest.velocities_mps[evidence.observed[0]].mean(axis=0)))
-        self.roughness.compare(oldest.at.frame, positions_m, evidence.observed[0] & oldest.active, oldest.step_s)
+        self.roughness.compare(oldest.at.frame, positions_m, evidence.observed[0] & oldest.active)
 
     def of_newest_m2(
         self,
@@ -79,12 +79,17 @@ class OnlineCovariances:
         linear_m2 = surely_positive(linear_m2)
         directions, newest, _, difference = self._responses(state, linear_m2, step_s, rig)
         in_graph = InGraph.of(directions, newest.steady, linear_m2)
+        if self.roughness.is_wanted(state.at.frame, state.at.time_s):
+            self.roughness.note(state.at.frame, state.at.time_s, self._newest_pose(state, in_graph, difference))
+        return self._covariance_m2(state, linear_m2, in_graph, newest, unseen_s, rig)
+
+    def _newest_pose(self, state: FrameState, in_graph: InGraph, difference: FilterResponse) -> NewestPose:
+        """With its difference from the lagged one."""
         noise_m2, motion_m2 = np.full((2, len(state.active)), np.nan)
         noise_m2[state.joints] = np.trace(self._noise_m2(state, in_graph, difference), axis1=-2, axis2=-1)
         motion_m2[state.joints] = np.trace(in_graph.motion_m2(difference), axis1=-2, axis2=-1)
         noise_m2[~state.evidence.observed[0]] = np.nan
-        self.roughness.note(state.at.frame, NewestPose(state.positions_m, noise_m2, motion_m2))
-        return self._covariance_m2(state, linear_m2, in_graph, newest, unseen_s, rig)
+        return NewestPose(state.positions_m, noise_m2, motion_m2)
 
     def of_lagged_m2(
         self,

@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.estimation.noise import MEMORY_S
+from fgpose.sampling import TIME_ROUNDING_S
 
 TELLS_AGAIN_S = 0.2
 """Joints tell it anew after so long."""
 _NINETIETH = 6.251 / 3  # of chi-squared with three degrees of freedom, in their number
 _MOST, _PRIOR_MEASUREMENTS = 30.0, 50.0  # so many measurements tell more than the graph
-_HALVINGS = 12  # to a hundredth
 # At first poses move because lengths, biases and hallucinations are found.
 _SETTLES_S = 1.0
 
@@ -36,15 +36,13 @@ def roughness(
 
     Args:
         found_m2: squared differences.
-        noise_m2, expected_m2: their expectations from the errors of detections and from motion as the graph takes it.
+        noise_m2, expected_m2: their expectations from the errors of detections and from motion as the graph takes it;
+            this one is positive.
         measurements: how many of them are independent.
     """
-    least, most = 0.0, _MOST
-    for _ in range(_HALVINGS):
-        times = (least + most) / 2
-        is_too_small = np.quantile(found_m2 / (noise_m2 + times * expected_m2), 0.9) > _NINETIETH
-        least, most = (times, most) if is_too_small else (least, times)
-    return (measurements * least + _PRIOR_MEASUREMENTS) / (measurements + _PRIOR_MEASUREMENTS)
+    # Each joint asks for so much: found = _NINETIETH (noise + times expected).
+    times = float(np.quantile((found_m2 / _NINETIETH - noise_m2) / expected_m2, 0.9))
+    return (measurements * min(max(times, 0.0), _MOST) + _PRIOR_MEASUREMENTS) / (measurements + _PRIOR_MEASUREMENTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,28 +66,29 @@ class RunningRoughness:
         self.value = 1.0
         self._newest: dict[int, NewestPose] = {}
         self._found: deque[Float[np.ndarray, "3 joint"]] = deque(maxlen=int(MEMORY_S / TELLS_AGAIN_S))
-        self._since_s = -_SETTLES_S
+        self._next_s: float | None = None  # None before the first frame
 
-    def note(self, frame: int, pose: NewestPose) -> None:
+    def is_wanted(self, frame: int, time_s: float) -> bool:
+        """Whether the newest frame is to be noted, also where that was done before another image joined it."""
+        if self._next_s is None:
+            self._next_s = time_s + _SETTLES_S + TELLS_AGAIN_S
+        return frame in self._newest or time_s >= self._next_s - TIME_ROUNDING_S
+
+    def note(self, frame: int, time_s: float, pose: NewestPose) -> None:
         """Take the newest frame, in place of what was noted of it before."""
-        self._newest[frame] = pose
+        self._newest[frame], self._next_s = pose, time_s + TELLS_AGAIN_S
 
     def compare(
-        self, frame: int, positions_m: Float[np.ndarray, "joint 3"], known: Bool[np.ndarray, " joint"], step_s: float
+        self, frame: int, positions_m: Float[np.ndarray, "joint 3"], known: Bool[np.ndarray, " joint"]
     ) -> None:
-        """Take the pose of a frame once it is one lag old, of its well-known joints, and so long after the one before;
-        frames in their order."""
+        """Take the pose of a frame once it is one lag old, of its well-known joints, if it was noted."""
         newest = self._newest.pop(frame, None)
-        if newest is None or not np.isfinite(step_s):
-            return
-        self._since_s += step_s
-        if self._since_s < TELLS_AGAIN_S:
+        if newest is None:
             return
         found_m2 = np.sum((newest.positions_m - positions_m) ** 2, axis=-1)
         of_joints = np.stack([found_m2, newest.noise_m2, newest.motion_m2])
         tells = known & np.isfinite(of_joints).all(axis=0) & (newest.motion_m2 > 0)
         self._found.append(of_joints[:, tells])
-        self._since_s = 0.0
         found = np.concatenate([*self._found], axis=1)
         if found.size:
             self.value = roughness(*found, measurements=float(found.shape[1]))

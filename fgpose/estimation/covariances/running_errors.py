@@ -145,4 +145,5 @@ def information_by_axis(
     jacobian: Float[np.ndarray, "frame camera joint 2 3"],
 ) -> Float[np.ndarray, "frame joint axis 3 3"]:
     """Of the detections on each joint, 1/m^2, by axis of the image; from Jacobians in standard deviations."""
-    return np.einsum("tcjva,tcjvb->tjvab", jacobian, jacobian, optimize=True)
+    by_camera = jacobian.transpose(0, 2, 3, 4, 1)
+    return by_camera @ by_camera.swapaxes(-1, -2)

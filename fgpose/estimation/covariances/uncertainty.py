@@ -60,10 +60,10 @@ def at_least(
         covariance_m2: positive definite; NaN where a joint is not estimated.
         least_m2: the others; may be 0.
     """
-    widened_m2, known = (
-        covariance_m2.copy(),
-        np.isfinite(covariance_m2).all(axis=(-1, -2)) & least_m2.any(axis=(-1, -2)),
-    )
+    known = np.isfinite(covariance_m2).all(axis=(-1, -2)) & least_m2.any(axis=(-1, -2))
+    if not known.any():
+        return covariance_m2
+    widened_m2 = covariance_m2.copy()
     variance_m2, own = np.linalg.eigh(surely_positive(covariance_m2[known]))
     sigma_m = np.sqrt(np.maximum(variance_m2, ROUNDING * variance_m2[..., -1:]))[..., None, :]
     own, whitening = own * sigma_m, own / sigma_m
@@ -107,23 +107,23 @@ def with_swing(
     held = [joint for joint, _ in holders(skeleton)]
     free = np.isin(np.arange(skeleton.n_joints), held, invert=True)
     swing_m2[:, free] = np.where(swings[:, free, None, None], (gone_m**2 / 3)[:, None, None, None] * np.eye(3), 0.0)
-    for joint, holder in holders(skeleton):
-        bone_m = positions_m[:, joint] - positions_m[:, holder]
-        length_m = np.linalg.norm(bone_m, axis=-1)
-        direction = np.divide(bone_m, length_m[:, None], out=np.zeros_like(bone_m), where=length_m[:, None] > 0)
-        angle = config.angle_rad * (1.0 - np.exp(-unseen_s[:, joint] / config.time_s))
-        along = np.einsum("ti,tj->tij", direction, direction)
-        across_m2 = (length_m * angle) ** 2 / 2
-        along_m2 = (length_m * angle**2 / 2) ** 2
-        # Anywhere on the sphere, as far as in doubt: two squared lengths in all, two thirds along each axis.
-        anywhere_m2 = 2 / 3 * doubt[:, joint] * length_m**2
-        own_m2 = across_m2[:, None, None] * (np.eye(3) - along) + along_m2[:, None, None] * along
-        own_m2 += anywhere_m2[:, None, None] * np.eye(3)
-        swung = swings[:, joint, None, None] & np.isfinite(own_m2)
+    bone_m = positions_m[:, held] - positions_m[:, [holder for _, holder in holders(skeleton)]]
+    length_m = np.linalg.norm(bone_m, axis=-1)
+    direction = np.divide(bone_m, length_m[..., None], out=np.zeros_like(bone_m), where=length_m[..., None] > 0)
+    angle = config.angle_rad * (1.0 - np.exp(-unseen_s[:, held] / config.time_s))
+    along = direction[..., None] * direction[..., None, :]
+    across_m2 = (length_m * angle) ** 2 / 2
+    along_m2 = (length_m * angle**2 / 2) ** 2
+    # Anywhere on the sphere, as far as in doubt: two squared lengths in all, two thirds along each axis.
+    anywhere_m2 = 2 / 3 * doubt[:, held] * length_m**2
+    own_m2 = across_m2[..., None, None] * (np.eye(3) - along) + along_m2[..., None, None] * along
+    own_m2 += anywhere_m2[..., None, None] * np.eye(3)
+    swung = swings[:, held, None, None] & np.isfinite(own_m2)
+    for number, (joint, holder) in enumerate(holders(skeleton)):
         of_holder_m2 = swing_m2[:, holder]
         if of_seen_m2 is not None:
             of_holder_m2 = of_holder_m2 + of_seen_m2[:, holder]
-        swing_m2[:, joint] = np.where(swung, own_m2 + of_holder_m2, 0.0)
+        swing_m2[:, joint] = np.where(swung[:, number], own_m2[:, number] + of_holder_m2, 0.0)
     return covariance_m2 + swing_m2
 
 

@@ -57,9 +57,9 @@ def by_mean_clock(observations: Observations, rig: CameraRig) -> tuple[Observati
 def delays_s(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
     """How much later than the time of its frame each image was taken: by the time stamps of the cameras, plus the
     time offsets of the rig."""
-    frame_time_s = observations.frame_time_s[:, None]
-    time_s = observations.time_s if observations.time_s.ndim == 2 else frame_time_s
-    late_s = np.nan_to_num(time_s - frame_time_s) + rig.time_offsets_s
+    late_s = np.broadcast_to(rig.time_offsets_s, (observations.n_frames, observations.n_cameras))
+    if observations.time_s.ndim == 2:
+        late_s = late_s + np.nan_to_num(observations.time_s - observations.frame_time_s[:, None])
     return np.where(np.abs(late_s) > _ROUNDING_S, late_s, 0.0)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -216,7 +218,8 @@ def _triangulated(
     return triangulated_m, middle_m, beyond
 
 
-def _not_known_yet(shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
+@lru_cache(maxsize=16)  # asked for at every update of the online estimator
+def _not_known_yet(shape: tuple[int, int, int]) -> Mapping[str, np.ndarray]:
     """What only a motion tells of so many frames, cameras and joints; one number each takes no memory."""
     n_frames, _, n_joints = shape
     return {

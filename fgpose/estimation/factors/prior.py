@@ -114,7 +114,7 @@ class LengthPriors:
 
     @cached_property
     def _information(self) -> Float[np.ndarray, "length length"]:
-        return np.linalg.inv(self.covariance_m2)
+        return np.linalg.inv(self.covariance_m2) if len(self.estimated) else self.covariance_m2  # an identity
 
 
 def length_prior(

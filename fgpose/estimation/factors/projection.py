@@ -59,8 +59,10 @@ class Projections:
         unit_px = rig.in_own_px(1.0)
         steps = np.round(_SIGMAS_PER_E_FOLD * np.log(sigma_px / unit_px))
         sigma_px = unit_px * np.exp(steps / _SIGMAS_PER_E_FOLD)
-        sigma_px[np.isnan(undistorted_px).any(axis=-1)] = np.inf
-        return cls(rig, np.nan_to_num(undistorted_px), sigma_px, config.kernel, config.kernel_scale)
+        missing = np.isnan(undistorted_px).any(axis=-1)
+        sigma_px[missing] = np.inf
+        measured_px = np.where(missing[..., None], 0.0, undistorted_px)
+        return cls(rig, measured_px, sigma_px, config.kernel, config.kernel_scale)
 
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]:
         for number, camera in enumerate(self.rig.cameras):

@@ -14,7 +14,6 @@ from fgpose.estimation.evidence.other_bones import other_bone, without_known
 from fgpose.estimation.factors.prior import length_prior
 from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.segment import Segment
-from fgpose.estimation.solvers.block_tridiagonal import blas_libraries, one_blas_thread
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.geometry.camera import CameraRig
@@ -49,7 +48,6 @@ class RunningLengths:
     def __init__(self, skeleton: Skeleton, config: Config) -> None:
         self._skeleton, self._config = skeleton, config
         self.forget()
-        blas_libraries()  # so that no update stops to load them
 
     def forget(self) -> None:
         """Begin anew: who comes may be somebody else."""
@@ -97,10 +95,9 @@ class RunningLengths:
         if self._estimation is None:
             self._estimation = self._begun(rig)
             return
-        with one_blas_thread():
-            if self._estimation.has_settled():
-                settled, self._estimation = self._estimation, None
-                (self._compare if settled.is_of_last else self._take)(settled)
+        if self._estimation.has_settled():
+            settled, self._estimation = self._estimation, None
+            (self._compare if settled.is_of_last else self._take)(settled)
 
     def have_changed(self, lengths_m: Float[np.ndarray, " length"]) -> bool:
         """Whether a length is new since these, or differs by more than a bone varies."""

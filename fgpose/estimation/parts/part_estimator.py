@@ -24,6 +24,7 @@ from fgpose.estimation.online.prediction import Prediction
 from fgpose.estimation.online.window import Window
 from fgpose.estimation.online.window_solver import REVISED_S
 from fgpose.estimation.parts.holder import Holder
+from fgpose.estimation.solvers.block_tridiagonal import blas_libraries, one_blas_thread
 from fgpose.estimation.visibility.running_visibility import Filtered, RunningVisibility
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
 from fgpose.geometry.camera import CameraRig
@@ -69,6 +70,7 @@ class PartEstimator:
         self._prediction = Prediction(skeleton.n_joints, *learned, self.config)
         self._estimates = Estimates(rig.n_cameras, skeleton, self.config, self._lengths, self._late_s)
         self._offsets = offsets or RunningOffsets(rig, self.config)
+        blas_libraries()  # so that no update stops to load them
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
         self._is_tidy = True
@@ -85,7 +87,8 @@ class PartEstimator:
     @property
     def newest(self) -> Estimate | None:
         """The pose of the newest frame, as the last update gave it; None: there was none."""
-        return self._estimates.newest(self._window, self._rig) if len(self._window) else None
+        with one_blas_thread():
+            return self._estimates.newest(self._window, self._rig) if len(self._window) else None
 
     @property
     def n_implausible(self) -> int:
@@ -133,16 +136,18 @@ class PartEstimator:
     def take(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         """Take images of all cameras of the rig that were taken at these times (NaN: there is none): of a new frame, or
         the image of one camera alone. Raises ValueError as Estimator.update and Estimator.update_camera."""
-        return (self._take_alone if np.isfinite(taken_s).sum() == 1 else self._begin)(images, taken_s)
+        with one_blas_thread():
+            return (self._take_alone if np.isfinite(taken_s).sum() == 1 else self._begin)(images, taken_s)
 
     def tidy(self) -> None:
         """See Estimator."""
         if self._is_tidy:
             return
-        self._learn()
-        changes = self._revised()
-        if changes:
-            self._window.change(changes, self._rig)
+        with one_blas_thread():
+            self._learn()
+            changes = self._revised()
+            if changes:
+                self._window.change(changes, self._rig)
         self._is_tidy = True
 
     def _take_alone(self, image: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:

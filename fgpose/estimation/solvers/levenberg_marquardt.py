@@ -120,6 +120,7 @@ class Search(Generic[State]):
 
     def __init__(self, problem: Problem[State], initial: State) -> None:
         self._problem = problem
+        self._bending = problem if isinstance(problem, Bending) else None
         self.state, self.error = initial, problem.error(initial)
         self._damping, self._growth = 0.0, _DAMPING_GROWTH
         self._system: System | None = None
@@ -144,12 +145,12 @@ class Search(Generic[State]):
             self._system = self._system or self._problem.factorized(self.state, self._damping)
             if self._system is not None:
                 step = -self._system.solve(gradient)
-                decrease = self._predicted_decrease(gradient, step)
-                if self._take_whole(self._corrected(self._system, step), decrease):
-                    self._prolong(step)
-                    return self._settled(step, decrease if fresh else None)
-                if self._is_nothing(step):
-                    return self._problem.step_size(step)
+                size, decrease = self._problem.step_size(step), self._predicted_decrease(gradient, step)
+                if self._take_whole(self._corrected(self._system, step, size), decrease):
+                    self._prolong(step, size)
+                    return self._settled(size, decrease if fresh else None)
+                if self._is_nothing(size):
+                    return size
                 if fresh and self._take_part(gradient, step):
                     self._damp_more()
                     return np.inf
@@ -159,17 +160,16 @@ class Search(Generic[State]):
                 self._forget()
         return None
 
-    def _is_nothing(self, step: Vector) -> bool:
+    def _is_nothing(self, size: float) -> bool:
         """Whether the plain step is so short that rounding decides whether it lowers the error."""
-        return not self._damping and self._problem.step_size(step) < _NOTHING * self._problem.step_tolerance
+        return not self._damping and size < _NOTHING * self._problem.step_tolerance
 
-    def _corrected(self, system: System, step: Vector) -> Vector:
+    def _corrected(self, system: System, step: Vector, size: float) -> Vector:
         """The step and what makes up for the remainder of the residuals, (H + damping D) c = -J^T remainder: a joint
         follows the circle around its neighbour, where the plain step leaves it along the tangent."""
-        size = self._problem.step_size(step)
-        if not isinstance(self._problem, Bending) or not _CORRECTED_FROM_M < size < np.inf:
+        if self._bending is None or not _CORRECTED_FROM_M < size < np.inf:
             return step
-        correction = -system.solve(self._problem.remainder(self.state, step))
+        correction = -system.solve(self._bending.remainder(self.state, step))
         return step + correction if np.linalg.norm(correction) < _MOST_CORRECTION * np.linalg.norm(step) else step
 
     def _predicted_decrease(self, gradient: Vector, step: Vector) -> float:
@@ -185,10 +185,10 @@ class Search(Generic[State]):
             self._take(step, step, -_ROUNDING * self.error)
         )
 
-    def _prolong(self, step: Vector) -> None:
+    def _prolong(self, step: Vector, size: float) -> None:
         """Go on in the direction of a step that is hardly shorter than the last one, twice as far each time, while the
         error falls: away from a saddle, where a step is too short because the curvature is really negative."""
-        if self._problem.step_size(step) < _CONTRACTION * self._last_size:
+        if size < _CONTRACTION * self._last_size:
             return
         while True:
             step = 2 * step
@@ -215,10 +215,10 @@ class Search(Generic[State]):
         self.state, self.error = state, error
         return True
 
-    def _settled(self, step: Vector, predicted_decrease: float | None) -> float:
+    def _settled(self, size: float, predicted_decrease: float | None) -> float:
         """Choose the damping by the gain ratio, if the factorisation was fresh, and whether the factorisation is
         kept."""
-        size, damping = self._problem.step_size(step), self._damping
+        damping = self._damping
         if predicted_decrease and damping:
             gain = (self._before - self.error) / predicted_decrease
             decreased = damping * max(_DAMPING_MOST_DECREASE, 1 - (2 * gain - 1) ** 3)

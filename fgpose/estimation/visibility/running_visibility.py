@@ -29,6 +29,7 @@ from fgpose.skeleton import Skeleton
 
 # Online, the spread follows a camera that is moved within some seconds.
 _SPREAD_MEMORY_S = 10.0
+_LEARN_EVERY_S = 0.03  # errors are correlated over 0.15 s and more, and joints stay hidden for longer
 # 1 / (2 f), with the density f of the logarithm of the length of a normal error at its median, ln 2.
 _MEDIAN_GAIN = 0.72
 # Logarithm of the odds from which online a place off the predicted path is believed on which three views agree: nothing
@@ -161,10 +162,11 @@ class RunningVisibility:
         rig: CameraRig,
     ) -> None:
         """The oldest frame leaves the window. Take the next one, as it was judged last, with its weights as gathered:
-        biases, and how long joints stay visible or hidden, are learned from it."""
-        if not self._on:
+        biases, and how long joints stay visible or hidden, are learned from it, if it tells anything new."""
+        before = self._oldest
+        if not self._on or (before is not None and oldest.time_s[0] - before.time_s[0] < _LEARN_EVERY_S):
             return
-        before, self._oldest = self._oldest, oldest
+        self._oldest = oldest
         if before is None:
             return
         step_s, detected = oldest.time_s - before.time_s, np.concatenate([before.detected, oldest.detected])

@@ -126,7 +126,7 @@ def _speed_mps(
 
 def within_timing_m(speed_mps: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
     """How much a joint moves in _TIMING_S; 0 where its speed is not known."""
-    return _TIMING_S * np.nan_to_num(speed_mps)
+    return np.where(np.isnan(speed_mps), 0.0, _TIMING_S * speed_mps)
 
 
 def _steps_s(time_s: Float[np.ndarray, " frame"]) -> Float[np.ndarray, " frame"]:
