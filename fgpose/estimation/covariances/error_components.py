@@ -24,6 +24,7 @@ from fgpose.estimation.covariances.detection_errors import (
     TellingDetections,
     accepted,
     lags_of,
+    products_later,
     share_of_visible,
 )
 from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, SURELY_M, CameraMoves, JointMoves, without_move
@@ -31,15 +32,18 @@ from fgpose.estimation.covariances.roughness import TELLS_AGAIN_S, roughness
 from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR
 from fgpose.estimation.covariances.variance_components import (
     LONGEST_STEP_S,
+    SAME_S,
     TIMES_S,
     ErrorComponents,
     correlation_after,
+    size_in_stretch,
+    sizes_over_time,
 )
 from fgpose.estimation.noise import surely_positive
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
-from fgpose.sampling import spread_evenly, usual_step_s
+from fgpose.sampling import parts_of, spread_evenly, usual_step_s
 
 # So many samples are drawn at once, until they are so many independent pieces of the time over which they are averaged.
 # The inverse of a covariance from n of these is n / (n - 4) times as large as it should be on average.
@@ -63,7 +67,8 @@ def covariance_of_errors_m2(
         components = _components(segment, telling, step_s)
         rng = np.random.default_rng(0)
         lasting_in_views = _lasting_in_views(segment, linearized, telling)
-        deviations = Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views)
+        sizes = _sizes_over_time(telling, step_s)
+        deviations = Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views, sizes)
         in_graph_m2 = covariance_m2[:, joints]
         alike = AlikeFrames.of(in_graph_m2, np.asarray(linearized.weight > 0).sum(axis=1), step_s)
         tells = segment.evidence.observed[:, joints]
@@ -96,11 +101,13 @@ class Deviations:
         step_s: float,
         rng: np.random.Generator,
         lasting: Float[np.ndarray, "camera slot"] | float = 1.0,
+        sizes: Float[np.ndarray, " frame"] | float = 1.0,
     ) -> Deviations:
         """From errors with these components, of whose constant part this much is left, and of whose lasting ones each
-        view has so many times as much as all together."""
+        view has so many times as much as all together; in each frame the variance of all is so many times as large."""
         (n_frames, _, n_slots), mixing = linearized.weight.shape, _root(components.correlation)
         samples_m, covariance_m2 = np.zeros((_SAMPLES, n_frames, n_slots, 3)), np.zeros((n_frames, n_slots, 3, 3))
+        root_size = np.sqrt(np.broadcast_to(sizes, n_frames))[:, None, None, None]
         for time_s, variance in zip(TIMES_S, components.variances.T, strict=True):
             if not variance.any():
                 continue
@@ -110,7 +117,7 @@ class Deviations:
             rounds, share = _rounds(time_s, n_frames, step_s), bias_share if np.isinf(time_s) else 1.0
             for number in range(rounds):
                 errors = _samples(linearized.weight.shape, correlation, rng)
-                own_m = np.stack([linearized.deviation_m(sigma * (mixing @ sample)) for sample in errors])
+                own_m = np.stack([linearized.deviation_m(root_size * sigma * (mixing @ sample)) for sample in errors])
                 covariance_m2 += share * np.einsum("stja,stjb->tjab", own_m, own_m) / (rounds * _SAMPLES)
                 if number == 0:
                     samples_m += own_m
@@ -180,6 +187,16 @@ def _components(segment: Segment, telling: TellingDetections, step_s: float) -> 
     found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
     names = [segment.skeleton.joints[joint] for joint in segment.joints]
     return ErrorComponents.of(found, lags * step_s, step_s, names)
+
+
+def _sizes_over_time(telling: TellingDetections, step_s: float) -> Float[np.ndarray, " frame"]:
+    """Variance of the errors around each frame, in that of the recording."""
+    _, of_all = telling.parities
+    squared, dimensions = products_later(of_all, of_all)
+    parts = parts_of(len(squared), max(round(SAME_S / step_s), 1))
+    of_stretches = np.array([size_in_stretch(squared[part], dimensions[part]) for part in parts])
+    middles = [(part.start + part.stop - 1) / 2 for part in parts]
+    return np.interp(np.arange(len(squared)), middles, sizes_over_time(*of_stretches.T))
 
 
 def _lasting_in_views(

@@ -135,7 +135,7 @@ class OnlineCovariances:
         components = self.errors.components
         variances = components.variances[state.joints].copy()
         variances[:, -1] *= state.evidence.bias_share[0, state.joints]
-        noise = np.einsum("jkc,jc->jk", response.noise, variances)
+        noise = self.errors.size * np.einsum("jkc,jc->jk", response.noise, variances)
         # Where one camera alone sees a joint, bones do more than to average its errors.
         shared = self._shared(state) * state.evidence.observed[0, state.joints]
         return in_graph.noise_m2(noise, components.axes[state.joints], shared)

@@ -78,9 +78,7 @@ class RunningRoughness:
         """Take the newest frame, in place of what was noted of it before."""
         self._newest[frame], self._next_s = pose, time_s + TELLS_AGAIN_S
 
-    def compare(
-        self, frame: int, positions_m: Float[np.ndarray, "joint 3"], known: Bool[np.ndarray, " joint"]
-    ) -> None:
+    def compare(self, frame: int, positions_m: Float[np.ndarray, "joint 3"], known: Bool[np.ndarray, " joint"]) -> None:
         """Take the pose of a frame once it is one lag old, of its well-known joints, if it was noted."""
         newest = self._newest.pop(frame, None)
         if newest is None:

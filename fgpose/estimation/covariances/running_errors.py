@@ -22,7 +22,13 @@ from fgpose.estimation.covariances.detection_errors import (
     share_of_visible,
 )
 from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, CameraMoves, JointMoves, MoveSums, without_move
-from fgpose.estimation.covariances.variance_components import MOST_FRAMES, ErrorComponents
+from fgpose.estimation.covariances.variance_components import (
+    MOST_FRAMES,
+    SAME_S,
+    ErrorComponents,
+    size_in_stretch,
+    sizes_over_time,
+)
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import MEMORY_S
 from fgpose.geometry.camera import CameraRig
@@ -42,12 +48,14 @@ class RunningErrors:
     """Learned so far, without what the move of a camera explains."""
     moments_m2: Float[np.ndarray, "camera 6 6"]
     """Of the moves of the cameras, learned so far; see MoveSums."""
+    size: float
+    """Variance of the errors lately, in that of the components; see sizes_over_time."""
 
     def __init__(self, n_cameras: int, joints: Sequence[str]) -> None:
         importlib.import_module("scipy.optimize")  # takes 0.2 s: the first fit would stop for it
         self._joints, n_joints = joints, len(joints)
         self.components = ErrorComponents.usual(joints)
-        self.moments_m2 = np.zeros((n_cameras, 6, 6))
+        self.moments_m2, self.size = np.zeros((n_cameras, 6, 6)), 1.0
         self._parities: deque[Parity] = deque()
         self._lags = np.zeros(1, dtype=int)
         self._sums = np.zeros((0, 2, 2, n_joints))  # by lag; of accepted detections and of all; products, dimensions
@@ -57,6 +65,8 @@ class RunningErrors:
         self._moved = self._moves.most_likely()
         self._n_frames, self._step_s, self._since_s, self._since_others_s = 0.0, 0.0, 0.0, np.inf
         self._within, self._around = 0.0, 0.0
+        self._stretch, self._in_stretch_s = list[Parity](), 0.0
+        self._stretches: deque[tuple[float, float]] = deque(maxlen=int(MEMORY_S / SAME_S))
 
     def add(
         self,
@@ -84,6 +94,7 @@ class RunningErrors:
         self._step_s = step_s if self._n_frames == 0 else keep * self._step_s + (1 - keep) * step_s
         self._n_frames = keep * self._n_frames + 1
         self._add_later(Parity.joined(list(telling.parities)), keep)
+        self._add_to_stretch(telling.parities[1], step_s)
         if tells_others:
             memory = float(np.exp(-self._since_others_s / MEMORY_S))
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
@@ -103,6 +114,15 @@ class RunningErrors:
         _, jacobian = whitened(evidence, positions_m, rig)
         joints = JointMoves.of(jacobian, accepted(jacobian, evidence.weights), positions_m[None], rig)
         return evidence.bias_share[0, :, None, None] * joints.covariance_m2(self.moments_m2, slice(None))[0]
+
+    def _add_to_stretch(self, parity: Parity, step_s: float) -> None:
+        self._stretch.append(parity)
+        self._in_stretch_s += step_s
+        if self._in_stretch_s >= SAME_S:
+            stretch = Parity.joined(self._stretch)
+            self._stretches.append(size_in_stretch(*products_later(stretch, stretch)))
+            self.size = float(sizes_over_time(*np.array(self._stretches).T)[-1])
+            self._stretch, self._in_stretch_s = [], 0.0
 
     def _add_later(self, parity: Parity, keep: float) -> None:
         """Products with the frames before; the lags are by the step of the first."""

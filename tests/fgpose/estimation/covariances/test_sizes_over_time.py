@@ -1,0 +1,84 @@
+"""Errors of detections that grow: how much is found, and that the covariances follow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+import fgpose
+from fgpose.estimation.covariances.variance_components import size_in_stretch, sizes_over_time
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, motion_from_npz, simulate
+from tests.conftest import MOCAP
+
+DIMENSIONS = np.full(20, 400.0)
+COVERED_95 = 7.815  # of chi-squared with three degrees of freedom
+
+
+def stretches(rng: np.random.Generator, times: float) -> Float[np.ndarray, " stretch"]:
+    """Of ten seconds in the middle of which the variance becomes so many times as large."""
+    return np.repeat([1.0, times], 10) * rng.chisquare(60, 20) / 60
+
+
+def test_a_change_is_found() -> None:
+    sizes = np.array([sizes_over_time(stretches(np.random.default_rng(seed), 4.0), DIMENSIONS) for seed in range(20)])
+    assert sizes.mean(axis=1) == pytest.approx(1.0, abs=0.15)  # shrunk logarithms do not keep the mean quite
+    times = sizes[:, 10:].mean(axis=1) / sizes[:, :10].mean(axis=1)
+    # By chance a stretch is off by 18 %: a fifteenth of what differs, and so it is shrunk.
+    assert np.median(times) == pytest.approx(4.0, rel=0.15)
+    assert (times > 2.5).all()
+
+
+def test_chance_is_hardly_taken_for_a_change() -> None:
+    spread = [np.std(sizes_over_time(stretches(np.random.default_rng(seed), 1.0), DIMENSIONS)) for seed in range(50)]
+    assert np.median(spread) < 0.05  # of 0.18
+
+
+def test_what_shows_nobody_and_what_is_short_tells_nothing() -> None:
+    found = stretches(np.random.default_rng(0), 4.0)
+    found[5] = 0.0
+    assert sizes_over_time(found, np.where(found > 0, DIMENSIONS, 0.0))[5] == 1.0
+    assert sizes_over_time(found[9:12], DIMENSIONS[9:12]).tolist() == [1.0, 1.0, 1.0]
+
+
+def test_hallucinated_joints_do_not_count() -> None:
+    squared, dimensions = np.random.default_rng(0).chisquare(5, (15, 17)), np.full((15, 17), 5.0)
+    usual, n_dimensions = size_in_stretch(squared, dimensions)
+    assert n_dimensions == 15 * 17 * 5
+    squared[:, :3] = 100.0
+    # A sixth is beyond the median instead of half of a sixth.
+    assert size_in_stretch(squared, dimensions)[0] == pytest.approx(usual, rel=0.25)
+    assert size_in_stretch(squared, np.zeros((15, 17))) == (0.0, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("online", [False, True])
+def test_covariances_follow_errors_that_become_three_times_as_large(
+    online: bool, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+) -> None:
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
+    truth_m, noise = truth_m[:380], DetectionNoise(outlier_share=0.0)
+    louder = replace(noise, sigma_px=3 * noise.sigma_px, correlated_px=3 * noise.correlated_px)
+    first, then = (
+        simulate(truth_m, skeleton, rig, fps, each, NO_OCCLUSION, seed=0).observations for each in (noise, louder)
+    )
+    is_first = np.arange(380)[:, None, None, None] < 190
+    points2d_px = np.where(is_first, first.points2d_px, then.points2d_px)
+    changed = replace(first, points2d_px=points2d_px, points3d_m=None, covariance3d_m2=None)
+    if online:
+        estimator = fgpose.Estimator(rig, skeleton, fgpose.Config(online={"solver": "window"}))
+        poses = [estimator.update(frame) for frame in changed]
+        positions_m, covariance_m2 = (
+            np.array([getattr(each, name) for each in poses]) for name in ("positions_m", "covariance_m2")
+        )
+    else:
+        smoothed = fgpose.smooth(changed, rig)
+        positions_m, covariance_m2 = smoothed.positions_m, smoothed.covariance_m2
+        assert covariance_m2 is not None
+    error_m = positions_m - truth_m
+    within = np.einsum("tji,tjik,tjk->tj", error_m, np.linalg.inv(covariance_m2), error_m) < COVERED_95
+    # One size for all: 73 % in batch, 86 % online. The largest errors are taken for hallucinated.
+    assert within[25:190].mean() > 0.88
+    assert within[190:].mean() > (0.88 if online else 0.83)
