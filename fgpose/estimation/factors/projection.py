@@ -59,7 +59,7 @@ class Projections:
         unit_px = rig.in_own_px(1.0)
         steps = np.round(_SIGMAS_PER_E_FOLD * np.log(sigma_px / unit_px))
         sigma_px = unit_px * np.exp(steps / _SIGMAS_PER_E_FOLD)
-        missing = np.isnan(undistorted_px).any(axis=-1)
+        missing = np.asarray(np.isnan(undistorted_px).any(axis=-1))
         sigma_px[missing] = np.inf
         measured_px = np.where(missing[..., None], 0.0, undistorted_px)
         return cls(rig, measured_px, sigma_px, config.kernel, config.kernel_scale)
