@@ -25,8 +25,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import TIME_ROUNDING_S
 
 _STEPS = 2  # an update, from where the last one ended
-# So many of the last seconds are solved again at each update, those before when their evidence changes. With 0.03 s, and
-# with all that are revised, the errors on clips of the benchmark are the same to 1 %.
+# So many of the last seconds are solved again at each update, those before when their evidence changes. With 0.03 s,
+# and with all that are revised, the errors on clips of the benchmark are the same to 1 %.
 _SOLVED_S = 0.06
 
 
