@@ -7,6 +7,7 @@ import shutil
 import warnings
 from pathlib import Path
 
+import jaxtyping
 import pytest
 
 from tests.docs import snippets
@@ -42,6 +43,8 @@ def work(sandbox: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     monkeypatch.setenv("FGPOSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("FGPOSE_CAM01_PASSWORD", "secret")
+    # As who reads it runs it: the checks of the tests take 60 for no float, and the name of a skeleton for no skeleton.
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     return folder
 
 
