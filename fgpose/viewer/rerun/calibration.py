@@ -17,7 +17,7 @@ from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.blueprint import calibration_blueprint
 from fgpose.viewer.rerun.recording import RerunRecording
 from fgpose.viewer.rerun.rows import Rows, scalar_rows
-from fgpose.viewer.rerun.scene import frustum_m, log_camera_names, log_cameras, log_line
+from fgpose.viewer.rerun.scene import TEXT_LOOK, frustum_m, log_camera_names, log_cameras, log_line
 from fgpose.viewer.rerun.session import Target
 
 # Radius of the ball that holds 90 % of a Gaussian in three dimensions, in standard deviations of one axis.
@@ -50,7 +50,7 @@ def log_calibration_scene(
         closed = rr.LineStrips3D([np.vstack([outline_m, outline_m[:1]])], radii=_LINE, colors=palette.FLOOR)
         stream.log(paths.FLOOR, closed, static=True)
     vertical = rr.Arrows3D(
-        origins=[np.zeros(3)], vectors=[_VERTICAL_M * up_vector(up)], labels=["up, 1 m"], colors=palette.FLOOR
+        origins=[np.zeros(3)], vectors=[_VERTICAL_M * up_vector(up)], labels=["up, 1 m"], colors=palette.TEXT
     )
     stream.log(paths.VERTICAL, vertical, static=True)
     stream.log(paths.REPORT, rr.TextDocument(scene.report, media_type=rr.MediaType.MARKDOWN), static=True)
@@ -80,7 +80,7 @@ def _log_sigmas(stream: rr.RecordingStream, rig: CameraRig, position_sigma_m: Fl
         else name
         for name, sigma_m in zip(rig.names, position_sigma_m.tolist(), strict=True)
     ]
-    log_camera_names(stream, rig, texts, [palette.camera_colour(c) for c in range(rig.n_cameras)])
+    log_camera_names(stream, rig, texts)
 
 
 def _log_coverage(stream: rr.RecordingStream, rig: CameraRig, scene: CalibrationScene) -> None:
@@ -115,10 +115,13 @@ def _log_before(stream: rr.RecordingStream, before: CameraRig, rig: CameraRig, r
         arrows = rr.Arrows3D(
             origins=[start for start, _ in ends],
             vectors=[end - start for start, end in ends],
-            labels=[f"{old.name}, before" for old, _ in moved],
             colors=palette.BEFORE,
         )
         stream.log(paths.CAMERA_MOVES, arrows, static=True)
+        names = rr.Points3D(
+            [start for start, _ in ends], labels=[f"{old.name}, before" for old, _ in moved], **TEXT_LOOK
+        )
+        stream.log(paths.join(paths.CAMERA_MOVES, "names"), names, static=True)
 
 
 def _middle_m(path_m: Float[np.ndarray, "frame 3"]) -> Float[np.ndarray, " 3"] | None:

@@ -13,6 +13,9 @@ Colour = tuple[int, int, int]
 # Dark, so that the bright colours of the results stand out; the grid just visible on it.
 BACKGROUND: Colour = (18, 20, 26)
 GRID: Colour = (70, 76, 88)
+# Names stand in boxes whose grey is that of the viewer's theme: near the background where it is dark, in the middle
+# where it is light. White alone is read on both, so the colour of what is named is beside its name.
+TEXT: Colour = (255, 255, 255)
 _CAMERAS: tuple[Colour, ...] = (
     (86, 180, 233),
     (0, 158, 115),
@@ -96,12 +99,6 @@ def faded(colour: Colour, share: float = 0.55) -> Colour:
     """The colour, mixed with the background."""
     mixed = (round(a + (b - a) * share) for a, b in zip(colour, BACKGROUND, strict=True))
     red, green, blue = mixed
-    return red, green, blue
-
-
-def of_text(colour: Colour, share: float = 0.35) -> Colour:
-    """The colour, mixed with white: it is read on the background."""
-    red, green, blue = (round(each + (255 - each) * share) for each in colour)
     return red, green, blue
 
 

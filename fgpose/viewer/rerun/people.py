@@ -23,7 +23,7 @@ from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import person_colour
 from fgpose.viewer.rerun.rows import Rows, change_rows, log_rows, point_rows, scalar_rows
 from fgpose.viewer.rerun.scene import (
-    TEXT_RADIUS,
+    TEXT_LOOK,
     annotation_class,
     body_rows,
     log_body_styles,
@@ -166,7 +166,7 @@ def log_person_styles(stream: rr.RecordingStream, rig: CameraRig, skeleton: Skel
     """How somebody looks, wherever they are shown."""
     name, colour = paths.person(person), palette.person_colour(person)
     log_body_styles(stream, rig, skeleton, name, _body_class(person), colour)
-    label = rr.Points3D.from_fields(show_labels=True, colors=[colour], radii=TEXT_RADIUS)
+    label = rr.Points3D.from_fields(**TEXT_LOOK)
     stream.log(paths.label(paths.person(person)), label, static=True)
     log_line(stream, paths.join(paths.REPROJECTION_PX, name), f"person {person}", colour)
     looks = {Presence.SEEN: colour, Presence.PREDICTED: palette.faded(colour), Presence.AWAY: palette.AWAY}

@@ -18,7 +18,7 @@ from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import Colour, weight_colours
 from fgpose.viewer.rerun.rows import Rows, document_rows, point_rows, scalar_rows
 from fgpose.viewer.rerun.scene import (
-    TEXT_RADIUS,
+    TEXT_LOOK,
     annotation_class,
     body_rows,
     log_body_styles,
@@ -77,7 +77,7 @@ def _log_trajectory_styles(
 ) -> None:
     colour = palette.trajectory_colour(name, index)
     log_body_styles(stream, rig, skeleton, name, 1 + rig.n_cameras + index, colour)
-    label = rr.Points3D.from_fields(show_labels=True, colors=[palette.of_text(colour)], radii=TEXT_RADIUS)
+    label = rr.Points3D.from_fields(**TEXT_LOOK)
     stream.log(paths.label(name), label, static=True)
     for c, camera in enumerate(rig.names):
         log_line(stream, paths.join(paths.REPROJECTION_PX, name, camera), camera, palette.camera_colour(c))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -20,7 +21,10 @@ from fgpose.viewer.rerun.rows import Rows, bone_rows, ellipsoid_rows, point_rows
 _DETECTION_RADIUS = rr.Radius.ui_points(3.5)
 _REPROJECTION_RADIUS = rr.Radius.ui_points(1.5)
 _LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
-TEXT_RADIUS = rr.Radius.ui_points(0.5)  # the text is to be seen, not its point
+# The text is to be seen, not its point.
+TEXT_LOOK: dict[str, Any] = {"radii": rr.Radius.ui_points(0.5), "colors": palette.TEXT, "show_labels": True}
+# Half the length of a line, of the distance between two names.
+_LEGEND_LINE, _LEGEND_RADIUS = 0.6, rr.Radius.ui_points(1.5)
 # Pictures are a little darker, so that white skeletons and yellow points stand out.
 _PICTURE_OPACITY = 0.7
 _PICTURE_DRAW_ORDER = -10.0  # below all points
@@ -51,35 +55,23 @@ def log_cameras(
     stream.log(paths.WORLD, view, static=True)
     for camera, colour in zip(rig.cameras, colours, strict=True):
         _log_camera(stream, camera, colour, frustum_m(rig, around_m))
-    log_camera_names(stream, rig, rig.names, colours)
+    log_camera_names(stream, rig, rig.names)
     log_legend(stream, paths.CAMERA_LEGEND, rig.names, [palette.camera_colour(c) for c in range(rig.n_cameras)])
 
 
-def log_camera_names(
-    stream: rr.RecordingStream, rig: CameraRig, names: Sequence[str], colours: Sequence[Colour]
-) -> None:
+def log_camera_names(stream: rr.RecordingStream, rig: CameraRig, names: Sequence[str]) -> None:
     """What is written at each camera."""
-    text = rr.Points3D(
-        rig.positions_m,
-        labels=list(names),
-        colors=[palette.of_text(colour) for colour in colours],
-        radii=TEXT_RADIUS,
-        show_labels=True,
-    )
+    text = rr.Points3D(rig.positions_m, labels=list(names), **TEXT_LOOK)
     stream.log(paths.CAMERA_NAMES, text, static=True)
 
 
 def log_legend(stream: rr.RecordingStream, path: str, names: Sequence[str], colours: Sequence[Colour]) -> None:
-    """Names below each other, in the colours of lines: beside a plot, where they hide nothing."""
-    places = [(0.0, float(row)) for row in range(len(names))]
-    legend = rr.Points2D(
-        places,
-        labels=list(names),
-        colors=[palette.of_text(colour, 0.15) for colour in colours],
-        radii=TEXT_RADIUS,
-        show_labels=True,
-    )
-    stream.log(path, legend, static=True)
+    """Names below each other, each under a line in its colour: beside a plot, where they hide nothing."""
+    rows = range(len(names))
+    stream.log(path, rr.Points2D([(0.0, row) for row in rows], labels=list(names), **TEXT_LOOK), static=True)
+    strips = [[(-_LEGEND_LINE, row), (_LEGEND_LINE, row)] for row in rows]
+    lines = rr.LineStrips2D(strips, colors=list(colours), radii=_LEGEND_RADIUS)
+    stream.log(paths.join(path, "lines"), lines, static=True)
 
 
 def frustum_m(rig: CameraRig, around_m: Float[np.ndarray, " 3"] | None = None) -> float:

@@ -28,7 +28,8 @@ def test_the_same_colour_everywhere(file: Path) -> None:
         assert of_class[static_value(file, reprojections, "Points2D:class_ids")] == colour
     assert static_value(file, f"/plots/reprojection_px/{name}", "SeriesLines:colors") == colour
     assert static_value(file, f"/tracks/{name}", "StateConfiguration:colors") == colour
-    assert static_value(file, f"/world/{name}/label", "Points3D:colors") == colour
+    # Names are white, to be read on the boxes of the light theme too.
+    assert static_value(file, f"/world/{name}/label", "Points3D:colors") == packed(palette.TEXT)
     # In the last frame the elbow is predicted, and paler and thinner are its joint and its bones.
     predicted = np.arange(SKELETON.n_joints) == LEFT_ELBOW
     colours, radii = (rows(file, f"/world/{name}/joints", f"Points3D:{what}")[8][1] for what in ("colors", "radii"))

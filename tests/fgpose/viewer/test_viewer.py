@@ -435,10 +435,10 @@ def test_results_have_their_names_above_them(batch_file: Path, trajectory: Traje
     assert highest_m < heights_m["smoothed"] < heights_m["fused"]
 
 
-def test_names_of_lines_stand_beside_plots_in_their_colours(batch_file: Path) -> None:
+def test_names_of_lines_stand_beside_plots_below_their_colours(batch_file: Path) -> None:
     for legend, plot in (("cameras", "reprojection_px/smoothed"), ("limbs", "bone_length/smoothed")):
         names = static_values(batch_file, f"/legend/{legend}", "Points2D:labels")
-        colours = static_values(batch_file, f"/legend/{legend}", "Points2D:colors")
+        colours = static_values(batch_file, f"/legend/{legend}/lines", "LineStrips2D:colors")
         lines = {
             static_value(batch_file, entity, "SeriesLines:names"): static_value(
                 batch_file, entity, "SeriesLines:colors"
@@ -446,11 +446,9 @@ def test_names_of_lines_stand_beside_plots_in_their_colours(batch_file: Path) ->
             for entity in entities(batch_file)
             if entity.startswith(f"/plots/{plot}/")
         }
-        assert set(names) == set(lines)
-        for name, colour in zip(names, colours, strict=True):
-            # As in the plot, mixed with 15 % of white.
-            own, line = (np.array([each >> shift & 255 for shift in (24, 16, 8)]) for each in (colour, lines[name]))
-            np.testing.assert_allclose(own, line + 0.15 * (255 - line), atol=1)
+        assert dict(zip(names, colours, strict=True)) == lines
+        # To be read on the boxes of the light theme too.
+        assert static_value(batch_file, f"/legend/{legend}", "Points2D:colors") == 0xFFFFFFFF
     assert static_values(batch_file, "/world/camera_names", "Points3D:labels") == ["cam 1", "cam_2"]
 
 
