@@ -4,36 +4,35 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import overload
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from fgpose.geometry.up_axis import WorldUp, z_up, z_up_R_world
 from fgpose.kinematics import definitions
 from fgpose.kinematics.definitions import angles_of
 from fgpose.kinematics.landmarks import landmarks, points_of
 from fgpose.kinematics.propagation import mean_squares_rad2
-from fgpose.sampling import TimeRange
-from fgpose.shown import OverTime, by_names
-from fgpose.shown.unknown_names import did_you_mean
+from fgpose.kinematics.quantities import Quantities
 from fgpose.skeleton import Skeleton
 from fgpose.skeletons import named_skeleton
 from fgpose.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class JointAngles(OverTime):
-    """Joint angles over time, see definitions.py for what each is.
+class JointAngles(Quantities):
+    """Joint angles over time (left_knee_flexion, trunk_lateral_bending), see definitions.py for what each is.
 
     Raises:
         ValueError: the arrays' shapes disagree.
     """
 
-    names: tuple[str, ...]
-    """left_knee_flexion, trunk_lateral_bending."""
-    time_s: Float[np.ndarray, " frame"]
+    kind: ClassVar[str] = "angle"
+    unit: ClassVar[str] = "deg"
+    suffix: ClassVar[str] = "deg"
+
     angle_deg: Float[np.ndarray, "frame angle"]
     """NaN = not determined."""
     sigma_deg: Float[np.ndarray, "frame angle"]
@@ -41,52 +40,17 @@ class JointAngles(OverTime):
     frame_numbers: Int[np.ndarray, " frame"] | None = None
     """Those of the trajectory."""
 
-    def __post_init__(self) -> None:
-        shape = (len(self.time_s), len(self.names))
-        for name in ("angle_deg", "sigma_deg"):
-            array = getattr(self, name)
-            if array.shape != shape:
-                raise ValueError(f"{name} must be {shape}, got {array.shape}")
-            array.setflags(write=False)
+    @property
+    def value(self) -> Float[np.ndarray, "frame angle"]:
+        return self.angle_deg
 
-    @overload
-    def __getitem__(self, wanted: str) -> Float[np.ndarray, " frame"]: ...
+    @property
+    def sigma(self) -> Float[np.ndarray, "frame angle"]:
+        return self.sigma_deg
 
-    @overload
-    def __getitem__(self, wanted: list[str] | tuple[str, ...]) -> Float[np.ndarray, "frame angle"]: ...
-
-    @overload
-    def __getitem__(self, wanted: slice) -> JointAngles: ...
-
-    def __getitem__(self, wanted: str | list[str] | tuple[str, ...] | slice) -> np.ndarray | JointAngles:
-        """An angle by name, (T,), or several, (T, angles), degrees; or some of the frames, as angles[100:200]. Raises
-        ValueError for an unknown name, TypeError for a number."""
-        if isinstance(wanted, slice):
-            return self.frames(wanted)
-        if isinstance(wanted, str):
-            return self.angle_deg[:, self._index(wanted)]
-        return self.angle_deg[:, [self._index(name) for name in by_names(wanted)]]
-
-    def _index(self, name: str) -> int:
-        if name not in self.names:
-            raise ValueError(
-                f"there is no angle {name!r}{did_you_mean(name, self.names)}; there are {', '.join(self.names)}"
-            )
-        return self.names.index(name)
-
-    def crop(self, begin_s: float, end_s: float) -> JointAngles:
-        """The frames from one time to another, seconds, both included. Raises ValueError if there is none."""
-        return self.frames(TimeRange(begin_s, end_s).of(self.time_s))
-
-    def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> JointAngles:
-        """Some of the frames, as angles of their own."""
-        return replace(
-            self,
-            time_s=self.time_s[frames],
-            angle_deg=self.angle_deg[frames],
-            sigma_deg=self.sigma_deg[frames],
-            frame_numbers=None if self.frame_numbers is None else self.frame_numbers[frames],
-        )
+    def quantiles(self, shares: Sequence[float]) -> Float[np.ndarray, "share angle"]:
+        """As quantiles_deg, which are on the circle."""
+        return self.quantiles_deg(shares)
 
     def quantiles_deg(self, shares: Sequence[float]) -> Float[np.ndarray, "share angle"]:
         """Quantiles of each angle over time, NaN where it is never determined: on the circle, opened where no angle is

@@ -1,4 +1,4 @@
-"""Joints and angles over time, with what is known of their errors."""
+"""Joints, angles and speeds over time, with what is known of their errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.kinematics.angles import JointAngles
+from fgpose.kinematics.quantities import Quantities
 from fgpose.trajectory import Trajectory
 
 _SIGMAS = 2.0
@@ -38,13 +38,14 @@ def _(trajectory: Trajectory, names: Sequence[str] | None = None) -> np.ndarray:
 
 
 @plot.register
-def _(angles: JointAngles, names: Sequence[str] | None = None) -> np.ndarray:
-    names = angles.names if names is None else names
-    curves = {name: angles[name] for name in names}
+def _(quantities: Quantities, names: Sequence[str] | None = None) -> np.ndarray:
+    names = quantities.names if names is None else names
+    curves = {name: quantities[name] for name in names}
+    sigma = np.full(quantities.value.shape, np.nan) if quantities.sigma is None else quantities.sigma
     figure, axes = _panels(1)
-    for name, angle_deg in curves.items():
-        _with_band(axes[0], angles.time_s, angle_deg, angles.sigma_deg[:, angles.names.index(name)], name)
-    axes[0].set_ylabel("angle [deg]")
+    for name, values in curves.items():
+        _with_band(axes[0], quantities.time_s, values, sigma[:, quantities.names.index(name)], name)
+    axes[0].set_ylabel(f"{quantities.kind} [{quantities.unit}]")
     _finish(figure, axes)
     return axes
 

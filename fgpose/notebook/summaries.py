@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from fgpose.assessment.evaluation import Evaluation
 from fgpose.geometry.camera import CameraRig
-from fgpose.kinematics.angles import JointAngles
+from fgpose.kinematics.quantities import Quantities
 from fgpose.notebook.picture import strip
 from fgpose.notebook.summary import Summary, counted, listed, percent
 from fgpose.observations import Observations
@@ -17,6 +17,8 @@ from fgpose.people_observations import PeopleObservations
 from fgpose.sampling import frames_per_second
 from fgpose.tracking.batch import SmoothedPeople
 from fgpose.trajectory import Estimate, Status, Trajectory
+
+_DIGITS = {"angle": 1, "speed": 2}  # by the kind of quantity
 
 
 @singledispatch
@@ -112,19 +114,23 @@ def _(rig: CameraRig) -> Summary:
 
 
 @summary.register
-def _(angles: JointAngles) -> Summary:
-    rows, quantiles_deg = [], angles.quantiles_deg((0.0, 0.5, 1.0))
-    for index, name in enumerate(angles.names):
-        cells = [f"{value:.1f}" if np.isfinite(value) else "-" for value in quantiles_deg[:, index]]
-        share = float(np.isfinite(angles.angle_deg[:, index]).sum()) / max(len(angles.time_s), 1)
-        rows.append((name, *cells, _median(angles.sigma_deg[:, index], "") or "-", percent(share)))
+def _(quantities: Quantities) -> Summary:
+    value, kind, sigma = quantities.value, quantities.kind, quantities.sigma
+    rows, quantiles = [], quantities.quantiles((0.0, 0.5, 1.0))
+    for index, name in enumerate(quantities.names):
+        cells = [f"{each:.{_DIGITS[kind]}f}" if np.isfinite(each) else "-" for each in quantiles[:, index]]
+        share = float(np.isfinite(value[:, index]).sum()) / max(len(value), 1)
+        errors = () if sigma is None else (_median(sigma[:, index], "") or "-",)
+        rows.append((name, *cells, *errors, percent(share)))
     facts = {
-        "": listed(angles.names),
-        "known": percent(float(np.isfinite(angles.angle_deg).mean())) if angles.angle_deg.size else "",
-        "sigma": _median(angles.sigma_deg, "deg"),
+        "": listed(quantities.names),
+        "known": percent(float(np.isfinite(value).mean())) if value.size else "",
+        "sigma": _median(sigma, quantities.unit),
     }
-    title = f"JointAngles: {_span(angles.time_s)}, {counted(len(angles.names), 'angle')}"
-    return Summary(title, _known(facts), ("angle [deg]", "min", "median", "max", "sigma", "known"), rows)
+    title = f"{type(quantities).__name__}: {_span(quantities.time_s)}, {counted(len(quantities.names), kind)}"
+    errors = () if sigma is None else ("sigma",)
+    columns = (f"{kind} [{quantities.unit}]", "min", "median", "max", *errors, "known")
+    return Summary(title, _known(facts), columns, rows)
 
 
 @summary.register

@@ -1,4 +1,4 @@
-"""Trajectories and joint angles for other tools: as pandas tables, and as CSV."""
+"""Trajectories, joint angles and speeds for other tools: as pandas tables, and as CSV."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fgpose.io.tables import write_csv
 from fgpose.io.trajectories.over_time import table_over_time
-from fgpose.kinematics.angles import JointAngles
+from fgpose.kinematics.quantities import Quantities
 from fgpose.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fgpose.shown import Form
 
 
-def pandas_table(shown: Trajectory | JointAngles, form: Form) -> pd.DataFrame:
+def pandas_table(shown: Trajectory | Quantities, form: Form) -> pd.DataFrame:
     """See OverTime.to_pandas."""
     try:
         import pandas  # noqa: F401
@@ -25,6 +25,6 @@ def pandas_table(shown: Trajectory | JointAngles, form: Form) -> pd.DataFrame:
     return table_over_time(shown, form).to_pandas()
 
 
-def write_table_as_csv(shown: Trajectory | JointAngles, path: Path, form: Form) -> None:
+def write_table_as_csv(shown: Trajectory | Quantities, path: Path, form: Form) -> None:
     """See OverTime.to_csv."""
     write_csv(path, [table_over_time(shown, form)])

@@ -31,6 +31,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "columns.md"
 RESULTS, WIDE = "Results: `NAME.parquet`, `NAME.csv`", 'Wide results: `trajectory.to_csv(path, "wide")`'
 ANGLES = "Joint angles, speeds, heights: `angles.parquet`, `angles.csv`"
 WIDE_ANGLES = 'Wide angles: `joint_angles(trajectory).to_csv(path, "wide")`'
+WIDE_SPEEDS = 'Wide speeds: `joint_speeds(trajectory).to_csv(path, "wide")`'
 ONE = "Detections of one person: `fgpose.files.save_observations`"
 EVERYBODY = "Detections of everybody: `fgpose detect`"
 NPZ = {
@@ -100,6 +101,8 @@ def test_the_columns_of_wide_tables(trajectory: fgpose.Trajectory, tmp_path: Pat
     check(WIDE, header(tmp_path / "wide.csv"))
     fgpose.joint_angles(trajectory).to_csv(tmp_path / "angles.csv", "wide")
     check(WIDE_ANGLES, header(tmp_path / "angles.csv"))
+    fgpose.joint_speeds(trajectory).to_csv(tmp_path / "speeds.csv", "wide")
+    check(WIDE_SPEEDS, header(tmp_path / "speeds.csv"))
 
 
 def test_the_columns_of_detections(observations: fgpose.Observations, tmp_path: Path) -> None:

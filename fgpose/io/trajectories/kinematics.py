@@ -31,15 +31,17 @@ from fgpose.io.trajectories.c3d import ROTATION_LABEL, require_ezc3d, write_c3d
 from fgpose.io.trajectories.result_table import frame_numbers, numbered
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
-from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
+from fgpose.kinematics.motion import centre_m, heights_m
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.kinematics.poses import segment_poses
+from fgpose.kinematics.quantities import Quantities
+from fgpose.kinematics.speeds import JointSpeeds, joint_speeds
 from fgpose.plain_files import naming
 from fgpose.trajectory import Trajectory
 
 EXTENSIONS = (".parquet", ".csv", ".mot", ".bvh", ".c3d")
 """What save_kinematics writes."""
-UNITS = {"angle": "deg", "speed": "m/s", "height": "m"}
+UNITS = {each.kind: each.unit for each in (JointAngles, JointSpeeds)} | {"height": "m"}
 """Unit of value and sigma by kind of quantity."""
 _TABLES = (".parquet", ".csv")
 _UNITS_KEY = "fgpose.units"
@@ -157,10 +159,15 @@ def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp
     write_table(path, table.replace_schema_metadata({_UNITS_KEY: json.dumps(UNITS)}))
 
 
-def angles_table(angles: JointAngles) -> pa.Table:
-    """The rows of joint angles alone, of one person, as in the tables of save_kinematics."""
-    kinds = ["angle"] * len(angles.names)
-    return _rows(angles.time_s, numbered(angles), 0, (kinds, [*angles.names], angles.angle_deg, angles.sigma_deg))
+def quantities_table(quantities: Quantities) -> pa.Table:
+    """The rows of joint angles or of speeds alone, of one person, as in the tables of save_kinematics."""
+    kinds = [quantities.kind] * len(quantities.names)
+    rows = kinds, [*quantities.names], quantities.value, _sigma(quantities)
+    return _rows(quantities.time_s, numbered(quantities), 0, rows)
+
+
+def _sigma(quantities: Quantities) -> Float[np.ndarray, "frame quantity"]:
+    return np.full(quantities.value.shape, np.nan) if quantities.sigma is None else quantities.sigma
 
 
 def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"], world_up: WorldUp) -> pa.Table:
@@ -188,18 +195,18 @@ def _rows(
 
 def _quantities(trajectory: Trajectory, world_up: WorldUp) -> _Quantities:
     """Everything that stands in the table."""
-    angles, joints = joint_angles(trajectory, world_up), trajectory.skeleton.joints
+    angles, speeds = joint_angles(trajectory, world_up), joint_speeds(trajectory)
     positions_m, up = trajectory.positions_m, up_vector(world_up)
     points_m = np.concatenate([positions_m, centre_m(positions_m, trajectory.skeleton)[:, None]], axis=1)
-    unknown = np.full(points_m.shape[:2], np.nan)
-    height_sigma_m = unknown.copy()
+    height_sigma_m = np.full(points_m.shape[:2], np.nan)
     if trajectory.covariance_m2 is not None:
         height_sigma_m[:, :-1] = np.sqrt(trajectory.covariance_m2 @ up @ up)
-    names = [*joints, "centre"]
-    kinds = ["angle"] * len(angles.names) + ["speed"] * len(names) + ["height"] * len(names)
-    value = [angles.angle_deg, speeds_m_s(points_m, trajectory.time_s), heights_m(points_m, world_up)]
-    sigma = [angles.sigma_deg, unknown, height_sigma_m]
-    return kinds, [*angles.names, *names, *names], np.concatenate(value, axis=1), np.concatenate(sigma, axis=1)
+    kinds = [kind for each in (angles, speeds) for kind in [each.kind] * len(each.names)]
+    names = [*angles.names, *speeds.names, *speeds.names]
+    value = [angles.value, speeds.value, heights_m(points_m, world_up)]
+    sigma = [_sigma(angles), _sigma(speeds), height_sigma_m]
+    kinds += ["height"] * len(speeds.names)
+    return kinds, names, np.concatenate(value, axis=1), np.concatenate(sigma, axis=1)
 
 
 def load_angles(path: str | Path) -> dict[int, JointAngles]:

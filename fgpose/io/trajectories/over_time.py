@@ -1,4 +1,4 @@
-"""What is known over time as a table: of trajectories and of joint angles, long and wide."""
+"""What is known over time as a table: of trajectories, joint angles and speeds, long and wide."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from fgpose.io.tables import nullable
-from fgpose.io.trajectories.kinematics import angles_table
+from fgpose.io.trajectories.kinematics import quantities_table
 from fgpose.io.trajectories.result_table import AXES, numbered, result_tables
-from fgpose.kinematics.angles import JointAngles
+from fgpose.kinematics.quantities import Quantities
 from fgpose.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def table_over_time(shown: Trajectory | JointAngles, form: Literal["long", "wide"]) -> pa.Table:
-    """One row for each frame and joint or angle, as in the files of fgpose (long), or one row for each frame (wide).
+def table_over_time(shown: Trajectory | Quantities, form: Literal["long", "wide"]) -> pa.Table:
+    """One row for each frame and joint, angle or speed, as in the files of fgpose (long), or one row for each frame (wide).
 
     Raises:
         ValueError: the form is another.
     """
     match form:
         case "long":
-            return angles_table(shown) if isinstance(shown, JointAngles) else _long(shown)
+            return quantities_table(shown) if isinstance(shown, Quantities) else _long(shown)
         case "wide":
             return _wide(shown)
     raise ValueError(f"a table is long or wide, not {form!r}")
@@ -37,12 +37,12 @@ def _long(trajectory: Trajectory) -> pa.Table:
     return pa.concat_tables(tables).unify_dictionaries()
 
 
-def _wide(shown: Trajectory | JointAngles) -> pa.Table:
+def _wide(shown: Trajectory | Quantities) -> pa.Table:
     import pyarrow as pa
 
     time_s = np.asarray(shown.time_s, dtype=float)
     columns = {"frame": pa.array(numbered(shown).astype(np.int32)), "time_s": pa.array(time_s)}
-    values = _of_angles(shown) if isinstance(shown, JointAngles) else _of_joints(shown)
+    values = _of_quantities(shown) if isinstance(shown, Quantities) else _of_joints(shown)
     return pa.table(columns | {name: nullable(column) for name, column in values.items()})
 
 
@@ -56,9 +56,10 @@ def _of_joints(trajectory: Trajectory) -> dict[str, np.ndarray]:
     return columns
 
 
-def _of_angles(angles: JointAngles) -> dict[str, np.ndarray]:
-    columns = {}
-    for index, name in enumerate(angles.names):
-        columns[f"{name}_deg"] = angles.angle_deg[:, index]
-        columns[f"{name}_sigma_deg"] = angles.sigma_deg[:, index]
+def _of_quantities(quantities: Quantities) -> dict[str, np.ndarray]:
+    columns, sigma = {}, quantities.sigma
+    for index, name in enumerate(quantities.names):
+        columns[f"{name}_{quantities.suffix}"] = quantities.value[:, index]
+        if sigma is not None:
+            columns[f"{name}_sigma_{quantities.suffix}"] = sigma[:, index]
     return columns

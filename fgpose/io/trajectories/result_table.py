@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.io.tables import COVARIANCE_COLUMNS, nullable
-from fgpose.kinematics.angles import JointAngles
+from fgpose.kinematics.quantities import Quantities
 from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.trajectory import Status, Trajectory
 
@@ -23,9 +23,10 @@ PER_CAMERA = ("residual_px", "visibility")
 _FRAMES_AT_ONCE = 5000  # in a group of rows: 30 MB
 
 
-def numbered(shown: Trajectory | JointAngles) -> Int[np.ndarray, " frame"]:
+def numbered(shown: Trajectory | Quantities) -> Int[np.ndarray, " frame"]:
     """The numbers of its frames; where they are not known, counted from its first."""
-    return np.arange(len(shown.time_s)) if shown.frame_numbers is None else shown.frame_numbers
+    numbers = shown.numbered if isinstance(shown, Quantities) else shown.frame_numbers
+    return np.arange(len(shown.time_s)) if numbers is None else numbers
 
 
 def frame_numbers(
