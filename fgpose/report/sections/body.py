@@ -21,8 +21,6 @@ NO_COVARIANCE = (
 # From sure to unsure: pale where nothing is to be looked at.
 _SIGMA_PALETTE = ("#d8e9ec", "#bcd9dd", "#f2cfa9", "#e8975a", "#d55e00", "#9c3f00")
 _BONES_SHOWN = 4
-# Of joints and frames: fewer that are unsure are a few dots, which a line tells.
-_NOTABLE = 0.02
 
 
 def sigma_section(recording: FinishedRecording) -> Section:
@@ -62,7 +60,7 @@ def _sigma_plots(trajectory: Trajectory, columns: int) -> list[Block]:
         f"Sigma of each joint over time: {known_mm.max():.0f} mm at most, of {trajectory.skeleton.joints[joint]} at "
         f"{trajectory.time_s[frame]:.2f} s; {100 * is_high:.1f} % of it is more than twice the median"
     )
-    return [over_time, each_joint if is_high > _NOTABLE else Folded(said, (each_joint,))]
+    return [over_time, Folded(said, (each_joint,))]
 
 
 def _sigma_table(recording: FinishedRecording) -> Folded:

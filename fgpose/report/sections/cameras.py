@@ -157,7 +157,7 @@ def _seen_plots(trajectory: Trajectory, columns: int) -> list[Block]:
     least = int(everything.argmin())
     fewest = f"{_percent(everything[least])} or more, {trajectory.camera_names[least]} the fewest"
     said = f"{of_cameras.caption}: {'all of them' if everything[least] == 1 else fewest}"
-    return [_unless_even(of_cameras, shares, said), _unless_even(of_joints, rows, _said_of_views(views, rows))]
+    return [_unless_even(of_cameras, shares, said), Folded(_said_of_views(views, rows), (of_joints,))]
 
 
 def _percent(share: float) -> str:
@@ -166,10 +166,10 @@ def _percent(share: float) -> str:
 
 
 def _said_of_views(views: Float[np.ndarray, "frame joint"], rows: Mapping[str, object]) -> str:
-    usual = float(np.median(views))
+    usual = int(np.bincount(views.astype(int).ravel()).argmax())
     is_usual = (views == usual).mean(axis=0)
     least = int(is_usual[: len(rows)].argmin())
-    words = f"Number of cameras that see each joint: {usual:.0f} in {_percent(float(is_usual.mean()))} of all frames"
+    words = f"Number of cameras that see each joint: {usual} in {_percent(float(is_usual.mean()))} of all frames"
     return words if is_usual[least] == 1 else f"{words}, of {list(rows)[least]} in {_percent(float(is_usual[least]))}"
 
 
@@ -252,7 +252,7 @@ def span_text(values: Mapping[str, float], unit: str) -> str:
     return f"{known[low]:.1f} {unit} ({low}) to {known[high]:.1f} {unit} ({high})"
 
 
-def _histogram(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Plot:
+def _histogram(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Folded:
     limit_px = 1.5 * known_quantile(residual_px, 0.95)
     edges_px = np.linspace(0, limit_px if limit_px > 0 else 1.0, 60)
     plot = plain_figure("reprojection error / px", "density / 1/px", 240)
@@ -269,8 +269,9 @@ def _histogram(recording: FinishedRecording, residual_px: Float[np.ndarray, "fra
     plot.add_tools(models().HoverTool(tooltips=[("", "$name"), ("error", "$x{0.0} px")], mode="mouse"))
     legend_below(plot)
     whose = of_everybody(recording)
-    caption = f"Distribution of the reprojection errors of each camera{whose}; the last few per cent are cut off"
-    return Plot(plot, caption, 240)
+    caption = f"Distribution of the reprojection errors of each camera{whose}"
+    within = f"{known_quantile(residual_px, 0.5):.1f} px, 90 % within {known_quantile(residual_px, 0.9):.1f} px"
+    return Folded(f"{caption}: median {within}", (Plot(plot, f"{caption}; the last few per cent are cut off", 240),))
 
 
 def camera_section(recording: FinishedRecording) -> Section:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
-from fgpose.report.blocks import Block, Note, OfPerson, Plot, Section, Table, TableCell, number, percent
+from fgpose.report.blocks import Block, Folded, Note, OfPerson, Plot, Section, Table, TableCell, number, percent
 from fgpose.report.plots import COLOURS, MAX_COLUMNS, models, time_figure
 from fgpose.sampling import stretches
 from fgpose.trajectory import Trajectory
@@ -16,7 +16,7 @@ from fgpose.trajectory import Trajectory
 _AT_MOST_PEOPLE = 6
 # Of all people's figures over time: with them the page of a minute stays below 5 MB.
 _COLUMNS = 3 * MAX_COLUMNS
-_MAX_EVENTS = 200
+_MAX_EVENTS, _FEW_EVENTS = 200, 5
 
 
 def people_shown(recording: FinishedRecording) -> list[int]:
@@ -69,7 +69,9 @@ def people_section(recording: FinishedRecording) -> Section | None:
             for event in recording.events[:_MAX_EVENTS]
         ]
         columns, numeric = ("time / s", "who", "what", "why"), (True, False, False, False)
-        blocks.append(Table(columns, tuple(rows), "Events of the tracks", numeric=numeric, identifier="events"))
+        table = Table(columns, tuple(rows), "Events of the tracks", numeric=numeric, identifier="events")
+        said = f"Events of the tracks: {len(recording.events)}, the diamonds above"
+        blocks.append(table if len(rows) <= _FEW_EVENTS else Folded(said, (table,)))
     else:
         blocks.append(Note("The events of the tracks were not stored with the result.", is_missing=True))
     return Section("People and identities", "people", blocks, short="People")
