@@ -59,14 +59,14 @@ def main(people: int = 3, cameras: int = 4, duration_s: float = 8.0, output: Pat
     print(f"recall {score.recall:.1%}, precision {score.precision:.1%}, IDF1 {score.idf1:.1%}, HOTA {score.hota:.1%}")
     print(f"{score.switches} identity switches, mean error {score.mpjpe_mm:.1f} mm")
 
-    figure = new_figure(6.4, 6.4, "Ways of the hips from above")
+    figure = new_figure(4.8, 6.4, "Ways of the hips from above")
     axes = figure.subplots()
     for true in truth.values():
         axes.plot(*true.positions_m[:, 0, :2].T, color="0.8", linewidth=5)
     for person, (trajectory, colour) in enumerate(zip(smoothed.trajectories.values(), COLOURS * people, strict=False)):
         axes.plot(*trajectory.positions_m[:, 0, :2].T, color=colour, linewidth=1.5, label=f"person {person}")
     axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
-    axes.legend(fontsize=9, frameon=False, title="grey: true")
+    figure.legend(loc="outside right upper", fontsize=9, frameon=False, title="grey: true")
     make_plain(axes, "", "both")
     output.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(output, dpi=150)
