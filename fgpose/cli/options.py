@@ -24,20 +24,17 @@ DEFAULT_FORMATS: tuple[Format, ...] = ("parquet", "trc", "rrd")
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _KEYPOINTS = (
     "Detected joints: a folder that holds for each camera a folder of JSON files (OpenPose, MMPose) or one file "
-    "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); either of SAM 3D Body or NLF (npz, JSON, pickle, pt); or one file "
-    "of fgpose (npz, parquet), or of FreeMoCap (npy)."
+    "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs), or either of SAM 3D Body or NLF; or a file of fgpose or FreeMoCap."
 )
 _SKELETON = (
     "What the joints are, where the keypoints do not say it: a name that fgpose skeletons lists (body_25, coco_17, "
     "halpe_26), or your own TOML file."
 )
 _PEOPLE = (
-    "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
-    "nearest to the cameras. auto: all where an image shows more than one, or somebody comes after somebody else."
+    "all: everybody, told apart. 1: the main person, who is seen most or, of those seen about as much, nearest to the "
+    "cameras. auto: all where there are several."
 )
-_MIN_CONFIDENCE = (
-    "Detections of less confidence are taken for missing. Raising it leaves out more that the detector only guesses."
-)
+_MIN_CONFIDENCE = "Detections of less confidence are taken for missing."
 _REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
 
 
@@ -137,11 +134,10 @@ class OutputOptions:
     """The same for the .rrd file."""
 
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out")
-    """Folder for the results; it is made if it is absent. What another command or another recording left there is not
-    replaced."""
+    """Folder for the results. What another command or recording left there is not replaced."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the input)")] = None
     """Name of the result files, without extension."""
-    formats: tuple[Format, ...] = DEFAULT_FORMATS
+    formats: Annotated[tuple[Format, ...], arg(metavar="FORMAT ...")] = DEFAULT_FORMATS
     """What to write: parquet and npz keep everything, csv has the table of parquet for spreadsheets, trc (OpenSim) and
     c3d keep positions, rrd is for the viewer."""
     rrd_fps: Annotated[
@@ -177,11 +173,10 @@ class ParameterOptions(OutputOptions):
     strict: bool = False
     """End with exit code 3 if the result is probably wrong. It is written all the same."""
     refine_calibration: bool = False
-    """First refine the poses of the cameras on the person, or on all people together (--calibration.*). Writes the new
-    calibration as NAME_calibration.toml."""
+    """First refine the poses of the cameras on all people together, and write them as NAME_calibration.toml."""
     estimate_time_offsets: bool = False
-    """First estimate the time offset of each camera from the motion, of all people together. The offsets are written
-    with the calibration, as NAME_calibration.toml. With --refine-calibration both are estimated together."""
+    """First estimate the time offset of each camera from the motion of all people together, and with
+    --refine-calibration the poses at once; it is written there too."""
 
 
 def possible_formats(formats: tuple[Format, ...]) -> tuple[Format, ...]:

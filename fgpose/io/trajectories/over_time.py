@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def table_over_time(shown: Trajectory | Quantities, form: Literal["long", "wide"]) -> pa.Table:
-    """One row for each frame and joint, angle or speed, as in the files of fgpose (long), or one row for each frame (wide).
+    """One row for each frame and joint, angle or speed, as in the files of fgpose (long), or for each frame (wide).
 
     Raises:
         ValueError: the form is another.
