@@ -19,6 +19,8 @@ _WINDOW, _MOST_WINDOW_PX = 0.3, 12
 _LEAST_WINDOW_PX = 3
 _MOST_SEARCHED_PX = 1280
 _REFINEMENT = (3, 30, 1e-3)  # cv2.TERM_CRITERIA_COUNT | EPS
+# Of a marker, as a share of the longer side of the image; OpenCV's 0.03 leaves out a board of 0.6 m at 4 m in Full HD.
+_LEAST_PERIMETER, _ENLARGED = 0.01, 2
 _CIRCLE_AREA_PX2 = (20.0, 4e4)
 
 
@@ -57,6 +59,7 @@ class _Charuco:
         # Corners between the markers are refined by the detector of the board; those of markers must be good enough to
         # find them.
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+        parameters.minMarkerPerimeterRate = _LEAST_PERIMETER
         patterns = (False,) if board.size[1] % 2 else (False, True)
         self._detectors = [
             cv2.aruco.CharucoDetector(opencv_charuco(board, legacy=legacy), detectorParams=parameters)
@@ -65,14 +68,31 @@ class _Charuco:
 
     def find(self, image: Grey) -> Float[np.ndarray, "point 2"] | None:
         for detector in self._detectors:
-            corners, ids, _, _ = detector.detectBoard(image)
-            if ids is not None and len(ids) >= MIN_POINTS:
+            points_px = self._found(detector, image)
+            if points_px is not None:
                 # OpenCV before 4.6 drew boards with an even number of rows otherwise: it is one or the other.
                 self._detectors = [detector]
-                points_px = np.full((self._n_points, 2), np.nan)
-                points_px[np.ravel(ids).astype(int)] = np.reshape(corners, (-1, 2))
                 return points_px
         return None
+
+    def _found(self, detector: cv2.aruco.CharucoDetector, image: Grey) -> Float[np.ndarray, "point 2"] | None:
+        """In the image, and where not all of the board is found, though a marker is, in an enlarged one: bits of two
+        pixels are not read otherwise."""
+        import cv2
+
+        corners, ids, _, markers = detector.detectBoard(image)
+        n_found, scale = (0 if ids is None else len(ids)), 1
+        if markers is not None and n_found < self._n_points:
+            larger = cv2.resize(image, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
+            finer = detector.detectBoard(larger)
+            if finer[1] is not None and len(finer[1]) > n_found:
+                corners, ids, n_found, scale = finer[0], finer[1], len(finer[1]), _ENLARGED
+        if n_found < MIN_POINTS:
+            return None
+        points_px = np.full((self._n_points, 2), np.nan)
+        # The middle of the first pixel is at 0.
+        points_px[np.ravel(ids).astype(int)] = (np.reshape(corners, (-1, 2)) + 0.5) / scale - 0.5
+        return points_px
 
 
 class _Chessboard:
