@@ -21,6 +21,8 @@ _MOST_SEARCHED_PX = 1280
 _REFINEMENT = (3, 30, 1e-3)  # cv2.TERM_CRITERIA_COUNT | EPS
 # Of a marker, as a share of the longer side of the image; OpenCV's 0.03 leaves out a board of 0.6 m at 4 m in Full HD.
 _LEAST_PERIMETER, _ENLARGED = 0.01, 2
+# In which slopes are looked at, over half a turn.
+_DIRECTIONS = np.stack([np.sin(np.arange(12) * np.pi / 12), np.cos(np.arange(12) * np.pi / 12)], axis=1)
 _CIRCLE_AREA_PX2 = (20.0, 4e4)
 
 
@@ -151,7 +153,10 @@ def blur_px(image: Grey, points_px: Float[np.ndarray, "point 2"]) -> float:
         if not (half < x < width - half - 1 and half < y < height - half - 1):
             continue
         window = image[y - half : y + half + 1, x - half : x + half + 1].astype(float)
-        slope = np.hypot(*np.gradient(window)).max()
+        along = np.tensordot(_DIRECTIONS, np.array(np.gradient(window)), axes=1)
+        slopes = np.abs(along).max(axis=(1, 2))
+        # Of two edges that cross, motion along one blurs the other alone. Between both a sharp corner has cos 45 degrees.
+        slope = min(slopes.max(), np.sqrt(2) * slopes.min())
         widths.append(np.ptp(window) / slope if slope > 0 else np.inf)
     return float(np.median(widths)) if widths else np.inf
 

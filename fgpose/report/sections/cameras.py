@@ -170,7 +170,11 @@ def _said_of_views(views: Float[np.ndarray, "frame joint"], rows: Mapping[str, o
     is_usual = (views == usual).mean(axis=0)
     least = int(is_usual[: len(rows)].argmin())
     words = f"Number of cameras that see each joint: {usual} in {_percent(float(is_usual.mean()))} of all frames"
-    return words if np.isclose(is_usual[least], is_usual.mean()) else f"{words}, of {list(rows)[least]} in {_percent(float(is_usual[least]))}"
+    return (
+        words
+        if np.isclose(is_usual[least], is_usual.mean())
+        else f"{words}, of {list(rows)[least]} in {_percent(float(is_usual[least]))}"
+    )
 
 
 def _unless_even(plot: Plot, rows: Mapping[str, Float[np.ndarray, " frame"]], said: str) -> Plot | Folded:

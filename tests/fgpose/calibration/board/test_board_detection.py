@@ -87,3 +87,16 @@ def test_a_board_is_found_from_the_other_side_of_a_room() -> None:
     errors_px = np.linalg.norm(found_px - seen_px(scene.rig, pose, board)[2], axis=1)[known]
     # As near by: some hundredths to a tenth of a pixel.
     assert np.median(errors_px) < 0.15
+
+
+def test_motion_along_one_edge_is_blur() -> None:
+    """The edges along it stay sharp, so the steepest slope says nothing of it."""
+    board = parse_board("charuco:6x5:160mm:120mm:DICT_4X4_50")
+    scene = simulate_boards(1, 2, noise_px=0, n_common=4, n_near=3, board=board, radius_m=2.2)
+    camera = small(scene.rig.cameras[0])
+    image = render(camera, scene.world_T_board[-1], board, 0.5)
+    points_px = detector_of(board).find(image)
+    assert points_px is not None
+    sharp_px = blur_px(image, points_px)
+    for shape in ((1, 6), (6, 1)):
+        assert blur_px(np.asarray(cv2.blur(image, shape)), points_px) > 1.8 * sharp_px
