@@ -155,7 +155,7 @@ def blur_px(image: Grey, points_px: Float[np.ndarray, "point 2"]) -> float:
         window = image[y - half : y + half + 1, x - half : x + half + 1].astype(float)
         along = np.tensordot(_DIRECTIONS, np.array(np.gradient(window)), axes=1)
         slopes = np.abs(along).max(axis=(1, 2))
-        # Of two edges that cross, motion along one blurs the other alone. Between both a sharp corner has cos 45 degrees.
+        # Of two edges that cross, motion along one blurs the other alone. Between both a sharp corner has cos 45°.
         slope = min(slopes.max(), np.sqrt(2) * slopes.min())
         widths.append(np.ptp(window) / slope if slope > 0 else np.inf)
     return float(np.median(widths)) if widths else np.inf
