@@ -27,7 +27,6 @@ from .files import save_trajectory as save_trajectory
 from .geometry.camera import Camera as Camera
 from .geometry.camera import CameraRig as CameraRig
 from .kinematics import joint_angles as joint_angles
-from .kinematics import joint_speeds as joint_speeds
 from .observations import Observations as Observations
 from .people import Tracker as Tracker
 from .people import smooth_people as smooth_people

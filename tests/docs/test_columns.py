@@ -101,7 +101,7 @@ def test_the_columns_of_wide_tables(trajectory: fgpose.Trajectory, tmp_path: Pat
     check(WIDE, header(tmp_path / "wide.csv"))
     fgpose.joint_angles(trajectory).to_csv(tmp_path / "angles.csv", "wide")
     check(WIDE_ANGLES, header(tmp_path / "angles.csv"))
-    fgpose.joint_speeds(trajectory).to_csv(tmp_path / "speeds.csv", "wide")
+    fgpose.kinematics.joint_speeds(trajectory).to_csv(tmp_path / "speeds.csv", "wide")
     check(WIDE_SPEEDS, header(tmp_path / "speeds.csv"))
 
 

@@ -45,7 +45,7 @@ def test_images_become_a_rig(
     assert f"The board {FILMED.text} at" in printed
     assert f"wrote {path}" in printed
     # Folders of images have numbers, and no times.
-    assert "The world is the board in image 1: z = 0 on it" in printed
+    assert "The world is the board in image 0: z = 0 on it" in printed
     # The images of ring_0 and of ring_1 that show nothing but a grey wall.
     assert "images without the board 7 6" in printed
     rig = fgpose.load_rig(path)

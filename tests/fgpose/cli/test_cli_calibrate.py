@@ -308,7 +308,7 @@ def test_a_bumped_camera_is_named_and_the_rest_is_kept(
     # The one that was moved is shown where it was, too.
     K = static_value(tmp_path / "new.rrd", "/world/cameras_before/cam2", "Pinhole:image_from_camera")
     np.testing.assert_allclose(np.reshape(K, (3, 3)).T, rig.cameras[1].K)
-    label = static_value(tmp_path / "new.rrd", "/world/camera_moves", "Arrows3D:labels")
+    label = static_value(tmp_path / "new.rrd", "/world/camera_moves/names", "Points3D:labels")
     assert label == "cam2, before"
     assert "/world/walk/bones" in entities(tmp_path / "new.rrd")
     assert "Moved: cam2." in static_value(tmp_path / "new.rrd", "/report", "TextDocument:text")

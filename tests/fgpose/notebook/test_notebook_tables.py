@@ -73,7 +73,7 @@ def test_angles_are_long_as_in_their_file(walk: Trajectory, angles: JointAngles,
 def test_speeds_are_those_of_the_file(walk: Trajectory, tmp_path: Path) -> None:
     fgpose.files.save_kinematics(walk, tmp_path / "angles.parquet", "z")
     whole: Any = pd.read_parquet(tmp_path / "angles.parquet")
-    speeds = fgpose.joint_speeds(walk)
+    speeds = fgpose.kinematics.joint_speeds(walk)
     of_speeds = whole[whole.kind == "speed"].reset_index(drop=True)
     pd.testing.assert_frame_equal(speeds.to_pandas(), of_speeds, check_categorical=False, check_dtype=False)
     wide = speeds[2:9].to_pandas("wide")
@@ -84,7 +84,7 @@ def test_speeds_are_those_of_the_file(walk: Trajectory, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["long", "wide"])
 def test_csv_reads_back_as_the_same_numbers(walk: Trajectory, angles: JointAngles, form: str, tmp_path: Path) -> None:
-    for shown in (walk, angles, fgpose.joint_speeds(walk)):
+    for shown in (walk, angles, fgpose.kinematics.joint_speeds(walk)):
         shown.to_csv(tmp_path / "table.csv", form)  # pyrefly: ignore[bad-argument-type]
         wanted = shown.to_pandas(form)  # pyrefly: ignore[bad-argument-type]
         found = pd.read_csv(tmp_path / "table.csv")
@@ -136,6 +136,6 @@ def test_joints_are_plotted_with_two_sigma(walk: Trajectory, angles: JointAngles
     for shown in (walk, angles):
         with pytest.raises(ValueError, match=r"no .* 'left_wirst'"):
             shown.plot("left_wirst")
-    (panel,) = fgpose.joint_speeds(walk).plot(["left_wrist", "centre"])
+    (panel,) = fgpose.kinematics.joint_speeds(walk).plot(["left_wrist", "centre"])
     assert panel.get_ylabel() == "speed [m/s]"
     pyplot.close("all")

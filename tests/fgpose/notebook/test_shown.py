@@ -40,7 +40,7 @@ def things() -> dict[str, Any]:
         "PeopleObservations": people,
         "Trajectory": trajectory,
         "JointAngles": fgpose.joint_angles(trajectory),
-        "JointSpeeds": fgpose.joint_speeds(trajectory),
+        "JointSpeeds": fgpose.kinematics.joint_speeds(trajectory),
         "Evaluation": fgpose.evaluate(trajectory, fgpose.refine(observations, rig)),
         "SmoothedPeople": fgpose.smooth_people(people, rig),
         "Estimate": fgpose.Estimator(rig, observations.skeleton).update(observations.frames(slice(0, 1))),
