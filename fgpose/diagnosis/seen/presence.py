@@ -12,6 +12,8 @@ from fgpose.association.identity import RECOGNISED
 from fgpose.association.successive import Replacement, successive
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.hypotheses.consistency import consistency
+from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.sampling import stretches, usual_step_s
@@ -31,6 +33,12 @@ _CUT = "With --people all each has a result of their own, with their own bone le
 # from those of the others.
 _FAR_M, _OFTEN_FAR = 0.3, 0.04
 _LEAST_JOINTS = 4
+_LEAVE_OUT = (
+    "Is somebody else in its images then, a reflection, a picture? Detect everybody and use --people all, or leave "
+    "such cameras out with --cameras."
+)
+_MISSED = "Does the detector miss the person now and then? A larger network, or boxes around people, may miss fewer."
+_AS_WELL = 2.0  # times as far do the rays of some cameras pass each other as those of others
 
 
 def nobody(examined: Examined) -> list[Finding]:
@@ -236,9 +244,7 @@ def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Findi
     found = geometry.state.consistency
     if geometry.explanation is not None or geometry.odd or geometry.wrong or len(names) < 3:
         return []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of images without anybody: NaN
-        of_body_m = np.nanmedian(np.where(found.judged, found.distance_m, np.nan), axis=1)
+    of_body_m = _median(found.distance_m, found.judged)
     at_s, switched_s = geometry.state.scene.time_s, examined.main.frame_time_s[examined.gone_over.any(axis=1)]
     judged = (found.judged.sum(axis=1) >= _LEAST_JOINTS) & ~np.isin(at_s, switched_s)[:, None]
     far = judged & (of_body_m > _FAR_M)
@@ -246,25 +252,61 @@ def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Findi
     cameras = [c for c in np.flatnonzero(often).tolist() if names[c] not in explained]
     if not cameras:
         return []
-    share = float(far[:, cameras].any(axis=1).mean())
-    when = at_s[far[:, cameras].any(axis=1)]
-    who = ", ".join(names[c] for c in cameras)
-    outvoted = len(cameras) == 1
-    believed = (
-        "the others outvote it" if outvoted else "which of them is right is not told, and what comes out is wrong then"
-    )
+    of_chosen = far[:, cameras].any(axis=1)
+    untold = _untold(geometry.state.scene, found.distance_m, far, judged)
+    severity, see, believed, remedy = _who_is_believed(cameras, float(np.mean(of_chosen & untold)))
+    when, share = at_s[of_chosen], float(of_chosen.mean())
     return [
         Finding(
             Code.DISAGREEING_CAMERA,
-            Severity.DOUBTFUL if outvoted else Severity.WRONG,
-            f"{who} see{'s' if len(cameras) == 1 else ''} a body {_FAR_M:.1f} m or more from where others see it in "
-            f"{100 * share:.0f} % of the images: {believed}",
-            "Is somebody else in its images then, a reflection, a picture? Detect everybody and use --people all, or "
-            "leave such cameras out with --cameras.",
+            severity,
+            f"{', '.join(names[c] for c in cameras)} {see} a body {_FAR_M:.1f} m or more from where others see it in "
+            f"{100 * share:.0f} % of the images{believed}",
+            remedy,
             0.8,
             camera=names[cameras[0]] if len(cameras) == 1 else "",
             from_s=float(when[0]),
             to_s=float(when[-1]),
-            numbers={"share": share},
+            numbers={"share": share, "share_untold": float(np.mean(of_chosen & untold))},
         )
     ]
+
+
+def _median(
+    distance_m: Float[np.ndarray, "frame joint camera"], judged: Bool[np.ndarray, "frame joint camera"]
+) -> Float[np.ndarray, "frame camera"]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of images without anybody: NaN
+        return np.nanmedian(np.where(judged, distance_m, np.nan), axis=1)
+
+
+def _who_is_believed(cameras: list[int], share_untold: float) -> tuple[Severity, str, str, str]:
+    """What to say of cameras that see people elsewhere, and to do, by in how many images it is not told which of them
+    are right."""
+    see = "see" if len(cameras) > 1 else "sees"
+    if share_untold > _OFTEN_FAR:
+        return Severity.WRONG, see, ": which of them is right is not told, and what comes out is wrong then", _LEAVE_OUT
+    if len(cameras) == 1:
+        return Severity.DOUBTFUL, see, ": the others outvote it", _LEAVE_OUT
+    # Who is seen elsewhere by all cameras, each at its own times, is missed by the detector.
+    return Severity.NOTE, see, ", each at its own times: the others outvote it", _MISSED
+
+
+def _untold(
+    scene: SynchronousViews,
+    distance_m: Float[np.ndarray, "frame joint camera"],
+    far: Bool[np.ndarray, "frame camera"],
+    judged: Bool[np.ndarray, "frame camera"],
+) -> Bool[np.ndarray, " frame"]:
+    """In which images those that see a body elsewhere may be right: as many as the others see it there, or two agree on
+    another place as well as the others do on theirs. What a detector misses, it misses elsewhere in each view."""
+    near, untold = judged & ~far, np.zeros(len(far), dtype=bool)
+    some = np.flatnonzero(far.any(axis=1) & (far.sum(axis=1) >= near.sum(axis=1)))
+    untold[some] = near[some].sum(axis=1) < 2
+    for frame in some[~untold[some]].tolist():
+        own, others = np.flatnonzero(far[frame]).tolist(), distance_m[frame][:, near[frame]]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of joints that they do not see
+            there = consistency(scene.frames(np.array([frame])).cameras(own))
+        untold[frame] = there.median_m < _AS_WELL * np.median(others[np.isfinite(others)])
+    return untold

@@ -185,6 +185,15 @@ def test_somebody_else_at_first(cameras: tuple[int, ...], severity: Severity) ->
     assert seen_elsewhere(given, rig.names) == []
 
 
+def test_views_that_miss_the_person_one_after_the_other_are_outvoted() -> None:
+    """Of each image it is told which camera is wrong, although of the whole recording it is every one of them."""
+    rig = room(4)
+    given = Examined(rig, {0: recorded(rig, seed=2, detector="blazepose_full")})
+    (finding,) = seen_elsewhere(given, ())
+    assert (finding.code, finding.severity, finding.camera) == (Code.DISAGREEING_CAMERA, Severity.NOTE, "")
+    assert finding.numbers["share"] > 0.1 > finding.numbers["share_untold"]
+
+
 def test_a_view_that_goes_over_to_somebody_else() -> None:
     rig = room(4)
     seen, beside = recorded(rig), recorded(rig, motion_m() + np.array([1.0, 1.0, 0.0]), seed=5)
