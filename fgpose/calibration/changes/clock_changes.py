@@ -14,6 +14,7 @@ from fgpose.calibration.changes.lag_costs import PER_STEP, LagCosts, edges_as_go
 _NEGLIGIBLE_GAIN = 4.0
 # In the same units: a simpler change is as good.
 _AS_GOOD = 10.0
+_USUAL = 0.75  # a quantile: more blocks than that are right
 _NTSC = 0.001  # 30 Hz are 29.97
 # Blocks on either side of a jump, and in which an offset must be better.
 MIN_BLOCKS = 3
@@ -30,6 +31,9 @@ class ClockFit:
     """Blocks with which jumps begin."""
     gain: Float[np.ndarray, " block"]
     """By how much the cost of each block is less, with lags to which it has not contributed."""
+    by_chance: float
+    """By how much the cost of all blocks differs by chance: each costs less at the lag that suits it best, by about one
+    where errors of detections are as usual."""
     edges: tuple[tuple[int, int], ...]
     """The first and the last block with which each jump may begin."""
     sigma: float
@@ -62,8 +66,16 @@ def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
             gain[rows] = (cost[:, centre] - _least(cost, of_half, own_firsts, told & half))[rows]
         lag = _simple(kind, lag - centre, firsts, cost, costs, step_s)
         edges, sigma = _edges(cost, lag + centre, firsts), _sigma(kind, lag + centre, firsts, cost, time)
-        found.append(ClockFit(kind, lag, firsts, gain, edges, sigma))
+        found.append(ClockFit(kind, lag, firsts, gain, _by_chance(cost, lag + centre, told), edges, sigma))
     return found
+
+
+def _by_chance(
+    cost: Float[np.ndarray, "block lag"], lag: Float[np.ndarray, " block"], told: Bool[np.ndarray, " block"]
+) -> float:
+    """Of blocks that are independent; without those that suit none, as where a view shows somebody else."""
+    left = (_at(cost, lag) - cost.min(axis=1))[told]
+    return float(np.sqrt(len(left)) * np.quantile(left, _USUAL))
 
 
 def _least(

@@ -13,6 +13,7 @@ from fgpose.calibration.changes.pose_changes import PoseFit
 # Of undamaged recordings none reaches half of it; a frame that is lost reaches four times as much in ten seconds.
 _SCORE = 5.0
 _GAIN = 25.0
+_SIGMAS = 3.0
 # Cost of a block that a change makes worse, and of all such blocks in that of the others. Of bumps of 0.7 degrees no
 # block loses 3; of a distortion one of 14 loses 6, 0.03 in all; of a reflection that is seen now and then every fourth
 # loses 6 to 30, 0.06 and more in all.
@@ -33,7 +34,16 @@ _BENT_RAD = 0.005  # 2 cm at 4 m
 
 def is_clear(fit: ClockFit | PoseFit | LensFit) -> bool:
     """Whether it is better by more than chance."""
-    return score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
+    clear = score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
+    return clear and not (isinstance(fit, ClockFit) and _is_of_few_seconds(fit))
+
+
+def _is_of_few_seconds(fit: ClockFit) -> bool:
+    """Whether a second or two may be all that it is made of: where a detector misses the person for moments, all joints
+    suit some lag, of each moment another one; and of a few of them some line."""
+    without_best = np.delete(fit.gain, np.argmax(fit.gain))
+    of_one = fit.kind is Kind.RATE and score(without_best) < _SCORE
+    return of_one or float(fit.gain.sum()) < _SIGMAS * fit.by_chance
 
 
 def holds(fit: PoseFit | LensFit) -> bool:
