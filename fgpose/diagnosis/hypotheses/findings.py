@@ -19,6 +19,7 @@ from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
 from fgpose.diagnosis.hypotheses.images import mirrored_hypotheses
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, Why
 from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation, SearchState
+from fgpose.diagnosis.hypotheses.since_a_moment import SinceAMoment, since_a_moment
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import spread_evenly
 
@@ -26,6 +27,10 @@ _USUAL = "2 to 6 cm are usual"
 _FEWEST_EQUAL, _MOSTLY_EQUAL = 20, 0.9
 _UNSURE = 0.6  # of the confidence of the other cameras: below, a camera hallucinates rather than sees somebody else
 _HANDED_FRAMES = 120
+_AFTER_A_MOMENT = {
+    Code.EXCHANGED_CAMERAS: "Were files put together, or cameras plugged in again? Exchange the keypoints back.",
+    Code.MIRRORED_IMAGE: "Was a program started again, with mirroring on? Mirror the keypoints back.",
+}
 
 
 def disagreements(examined: Examined) -> list[Finding]:
@@ -38,6 +43,9 @@ def disagreements(examined: Examined) -> list[Finding]:
     geometry = examined.geometry
     if not geometry.state.consistency.judged.any():
         return [_nothing_in_common(examined)]
+    changed = since_a_moment(geometry.state) if geometry.explanation is None else None
+    if changed is not None:
+        return [_changed(changed, examined.rig.names)]
     if exchanged_limbs(examined):
         return []  # told of the sides
     if geometry.explanation is not None:
@@ -85,6 +93,23 @@ def _nothing_in_common(examined: Examined) -> Finding:
         "see anybody at all, in the same images never",
         "Is it the same person, at the same time? Look at the keypoints of each camera.",
         1.0,
+    )
+
+
+def _changed(found: SinceAMoment, names: tuple[str, ...]) -> Finding:
+    cause, when = found.cause, f"until {found.at_s:.1f} s" if found.until else f"from {found.at_s:.1f} s on"
+    before_m, after_m = _worst_m(found.before.medians_m), _worst_m(found.after.medians_m)
+    return Finding(
+        cause.code,
+        Severity.WRONG,
+        f"{cause.reason.replace('{cameras}', cause.named(names))}, {when}. As it is, cameras miss the body by "
+        f"{_length(before_m)} then; with this put right by {_length(after_m)}",
+        f"{_AFTER_A_MOMENT[cause.code]} Or cut the recording there.",
+        1.0,
+        camera=names[cause.cameras[0]] if len(cause.cameras) == 1 else "",
+        from_s=None if found.until else found.at_s,
+        to_s=found.at_s if found.until else None,
+        numbers={"at_s": found.at_s, "before_m": before_m, "after_m": after_m},
     )
 
 
