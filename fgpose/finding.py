@@ -54,6 +54,7 @@ class Code(StrEnum):
     FROZEN_CAMERA = "frozen-camera"
     REPEATED_IMAGES = "repeated-images"
     SMOOTHED_KEYPOINTS = "smoothed-keypoints"
+    NOISY_KEYPOINTS = "noisy-keypoints"
     INTERPOLATED_KEYPOINTS = "interpolated-keypoints"
     FRAME_ORDER = "frame-order"
     MISSING_FRAMES = "missing-frames"
@@ -245,6 +246,8 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.LOST_FRAMES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.CLOCK_RATE: _OF_CLOCKS,
     Code.FRAME_RATE: frozenset({Code.LOST_FRAMES, Code.CLOCK_RATE, Code.LATE_CAMERA}),
+    Code.NOISY_KEYPOINTS: _OF_ONE_CAMERA
+    | {Code.NO_AGREEMENT, Code.OTHER_PERSON, Code.EXCHANGED_SIDES, Code.UNDETERMINED},
     Code.SMOOTHED_KEYPOINTS: _OF_CLOCKS | {Code.LOST_FRAMES, Code.CLOCK_RATE, Code.UNSTEADY_CAMERA},
     Code.INTERPOLATED_KEYPOINTS: _OF_CLOCKS
     | {Code.LOST_FRAMES, Code.CLOCK_RATE, Code.SMOOTHED_KEYPOINTS, Code.UNSTEADY_CAMERA},

@@ -41,6 +41,7 @@ from fgpose.diagnosis.motion_checks import (
 from fgpose.diagnosis.seen.clipped import Clipped
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
+from fgpose.diagnosis.seen.noisy import noisy_keypoints
 from fgpose.diagnosis.seen.order import sorted_as_text
 from fgpose.diagnosis.seen.own_3d import foreign_3d
 from fgpose.diagnosis.seen.placeholders import Placeholders
@@ -78,6 +79,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
         repeated_images,
         smoothed_keypoints,
         interpolated_keypoints,
+        noisy_keypoints,
         nobody,
         somebody_else,
         identity_switches,

@@ -22,7 +22,7 @@ from fgpose_factors.robust_statistics import robust_sigma
 # and ankles behind occluders have 0.28 times it half of the time (fgpose_benchmarks/data/detection_errors).
 _LOW, _THROUGHOUT = 0.4, 0.75
 # Compared are images of about this rate: what passes is faster than 3 Hz. Slower recordings cannot tell.
-_RATE_HZ, _LOWEST_HZ = 12.0, 9.0
+_RATE_HZ, LOWEST_HZ = 12.0, 9.0
 _FAST = 0.75  # quantile of the speed: filters of networks for video follow what moves
 _FEWEST = 100
 # Of the spread of the joints: 0.024 to 0.13 of 107 recordings, 0.005 and more with filters of 4 Hz and more, which harm
@@ -35,7 +35,8 @@ _OF_DISTANCE = 0.25
 # One Euro, 0.15 to 0.26 and 0.1. Where one of the two is small, limbs are fast or errors last; both are in 1 of 97
 # random recordings, with a rig whose rays meet nowhere.
 _SHORT_HZ, _FILTERED, _OF_ERRORS = 28.0, 0.28, 0.2
-_WHITE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70)  # leaves white noise as it is, takes motion away
+WHITE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70)
+"""Leaves white noise as it is, and takes motion away."""
 
 
 def low_confidence(examined: Examined) -> list[Finding]:
@@ -79,7 +80,7 @@ def _of_joints(confidence: np.ndarray, seen: np.ndarray) -> Iterable[tuple[np.nd
 def smoothed_keypoints(examined: Examined) -> list[Finding]:
     """Cameras whose keypoints of fast limbs have none of the errors that networks have in each image anew."""
     seen, rate_hz = examined.main, frames_per_second(examined.main.frame_time_s)
-    if not rate_hz > _LOWEST_HZ:
+    if not rate_hz > LOWEST_HZ:
         return []
     # At 30 Hz it is three, and at 29.97 too.
     step, joints = max(int(rate_hz / _RATE_HZ + 0.51), 1), limb_joints(seen.skeleton)
@@ -137,7 +138,7 @@ def _trembling(points_px: Float[np.ndarray, "frame joint 2"], step: int) -> floa
     )
     for part in parts_of(n_frames):
         five_px = [points_px[part.start + k * step : part.stop + k * step] for k in range(5)]
-        noise_px[part] = np.abs(sum(weight * each for weight, each in zip(_WHITE, five_px, strict=True)))
+        noise_px[part] = np.abs(sum(weight * each for weight, each in zip(WHITE, five_px, strict=True)))
         speed[part] = np.linalg.norm(five_px[3] - five_px[1], axis=-1)
     known = np.isfinite(noise_px).all(axis=-1) & (noise_px > 0).any(axis=-1)
     if known.sum() < _FEWEST:
