@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.seen.rounded import bends_px, filled_and_rounded
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import parts_of, stretches, usual_step_s
 
@@ -19,6 +20,7 @@ _EXACT = 1e-6  # of the spread of the joints in the image: rounding of numbers i
 # or two of three are filled): numbers are not too coarse, and keypoints have errors, as those of all networks.
 _FINER, _BENT = 100, 0.8
 _MOVES = 20  # times what counts as exact
+_OF_FOURTH = 8.0  # times the rounding of second differences, that of fourth ones
 _LONG_S = 0.3  # somebody who works has turned round by then
 
 
@@ -27,7 +29,7 @@ def interpolated_keypoints(examined: Examined) -> list[Finding]:
     seen = examined.main
     if seen.n_frames < _IN_A_ROW + 2:
         return []
-    filled = np.stack([_filled(seen.points2d_px[:, c]) for c in range(seen.n_cameras)], axis=1)
+    filled = np.stack([_filled_of(seen.points2d_px[:, c]) for c in range(seen.n_cameras)], axis=1)
     counts = filled.sum(axis=(0, 2))
     found = [c for c, count in enumerate(counts.tolist()) if count >= _FEWEST]
     if not found:
@@ -41,8 +43,9 @@ def interpolated_keypoints(examined: Examined) -> list[Finding]:
         Finding(
             Code.INTERPOLATED_KEYPOINTS,
             Severity.WRONG if longest_s >= _LONG_S else Severity.DOUBTFUL,
-            f"{100 * share:.2g} % of the detections of {where} lie exactly on straight lines between others, for up to "
-            f"{longest_s:.2g} s (at {from_s:.2f} s): gaps that were filled by interpolation, where nobody was detected",
+            f"{100 * share:.2g} % of the detections of {where} lie on straight lines or cubic curves between others, "
+            f"to the last digit, for up to {longest_s:.2g} s (at {from_s:.2f} s): gaps that were filled by "
+            "interpolation, where nobody was detected",
             "Leave them empty (NaN, or confidence 0): filled ones claim to know where somebody was. fgpose bridges "
             "gaps by itself, and says how sure it is.",
             min(1.0, 5 * share),
@@ -52,14 +55,24 @@ def interpolated_keypoints(examined: Examined) -> list[Finding]:
     ]
 
 
-def _filled(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "frame joint"]:
+def _filled_of(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "frame joint"]:
     """Of one camera."""
-    filled = np.zeros(points_px.shape[:2], dtype=bool)
     known = np.asarray(np.isfinite(points_px).all(axis=-1))
-    exact_px = max(2.01 * _decimal_step(points_px[known]), _EXACT * _spread_px(points_px, known))
-    bend_px = _bends_px(points_px)
-    bends_px = bend_px[np.isfinite(bend_px)]
-    if len(bends_px) < _FEWEST or not np.quantile(bends_px, _BENT, overwrite_input=True) > _FINER * exact_px:
+    exact_px, step_px = _EXACT * _spread_px(points_px, known), _step_px(points_px[known])
+    filled = _filled(points_px, known, max(2.01 * step_px, exact_px))
+    if filled.any():
+        return filled
+    return filled_and_rounded(points_px, step_px) if step_px > exact_px else _on_curves(points_px, exact_px)
+
+
+def _filled(
+    points_px: Float[np.ndarray, "frame joint 2"], known: Bool[np.ndarray, "frame joint"], exact_px: float
+) -> Bool[np.ndarray, "frame joint"]:
+    """Those of which hardly a bend is as small as what counts as exact."""
+    filled = np.zeros(points_px.shape[:2], dtype=bool)
+    bend_px = bends_px(points_px)
+    known_px = bend_px[np.isfinite(bend_px)]
+    if len(known_px) < _FEWEST or not np.quantile(known_px, _BENT, overwrite_input=True) > _FINER * exact_px:
         return filled
     for part in parts_of(len(bend_px)):
         moved_px = points_px[part.start + 2 : part.stop + 2] - points_px[part]
@@ -67,6 +80,27 @@ def _filled(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "
         filled[part.start + 1 : part.stop + 1] = (bend_px[part] <= exact_px) & moves
     if filled.sum() > _RESAMPLED * known.sum():
         return filled
+    return _runs(filled)
+
+
+def _on_curves(points_px: Float[np.ndarray, "frame joint 2"], exact_px: float) -> Bool[np.ndarray, "frame joint"]:
+    """On a cubic curve, as splines fill gaps: without fourth differences."""
+    filled, bend_px = np.zeros(points_px.shape[:2], dtype=bool), bends_px(points_px)
+    if len(points_px) < 5:
+        return filled
+    double_px = np.diff(points_px.astype(float), n=4, axis=0)
+    fourth_px, exact_px = np.abs(double_px).max(axis=-1), _OF_FOURTH * exact_px
+    known_px = fourth_px[np.isfinite(fourth_px)]
+    if len(known_px) < _FEWEST or not np.quantile(known_px, 1 - _BENT) > _FINER * exact_px:
+        return filled
+    filled[2:-2] = (fourth_px <= exact_px) & (bend_px[1:-1] > exact_px)
+    return _runs(filled)
+
+
+def _runs(filled: Bool[np.ndarray, "frame joint"]) -> Bool[np.ndarray, "frame joint"]:
+    """Those of which there are some in a row."""
+    if len(filled) < _IN_A_ROW:
+        return np.zeros_like(filled)
     in_a_row = np.asarray(np.lib.stride_tricks.sliding_window_view(filled, _IN_A_ROW, axis=0).all(axis=-1))
     kept = np.zeros_like(filled)
     for k in range(_IN_A_ROW):
@@ -81,23 +115,14 @@ def _spread_px(points_px: Float[np.ndarray, "frame joint 2"], known: Bool[np.nda
     return float(np.median(spreads_px)) if len(spreads_px) else 0.0
 
 
-def _bends_px(points_px: Float[np.ndarray, "frame joint 2"]) -> Float[np.ndarray, "frame-2 joint"]:
-    """Second differences, the larger of both axes; in double precision, as what counts as exact is not far above the
-    rounding of single."""
-    bends_px = np.empty((max(len(points_px) - 2, 0), points_px.shape[1]))
-    for part in parts_of(len(bends_px)):
-        some_px = points_px[part.start : part.stop + 2].astype(float)
-        bends_px[part] = np.abs(some_px[:-2] - 2 * some_px[1:-1] + some_px[2:]).max(axis=-1)
-    return bends_px
-
-
-def _decimal_step(values: Float[np.ndarray, "*values"]) -> float:
-    """The last decimal that numbers were rounded to; 0: they were not."""
-    sampled = values.ravel()[:: max(1, values.size // _SAMPLED)]
+def _step_px(values: Float[np.ndarray, "*values"]) -> float:
+    """What numbers were rounded to: a decimal, or several of it, as of heatmaps; 0: they were not."""
+    sampled = values.ravel()[:: max(1, values.size // _SAMPLED)].astype(float)
     for decimals in range(_MOST_DECIMALS):
         scaled = sampled * 10.0**decimals
         if np.allclose(scaled, np.round(scaled), rtol=0, atol=0.01):
-            return 10.0**-decimals
+            different = np.unique(np.round(scaled))
+            return float(np.diff(different).min()) / 10.0**decimals if len(different) > 1 else 0.0
     return 0.0
 
 
