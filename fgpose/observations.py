@@ -108,8 +108,9 @@ class Observations(Shown):
             raise ValueError(f"confidence must have the shape {known.shape} of the points, got {confidence.shape}")
         outside = known & ~((confidence >= 0) & (confidence <= 1))
         if outside.any():
-            value = confidence[outside][0]
-            raise ValueError(f"confidence {value:g} is outside [0, 1] at {self._where(outside)}")
+            value, percent = confidence[outside][0], ": divide by 100?" if 10 < confidence[known].max() <= 100 else ""
+            hint = ": give 0, or no pixels, for what was not detected" if np.isnan(value) else percent
+            raise ValueError(f"confidence {value:g} is outside [0, 1] at {self._where(outside)}{hint}")
         return _with(confidence, ~known & (confidence != 0), 0.0)
 
     def _checked_points3d(self, given: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -108,7 +108,8 @@ def test_nothing_seen_at_all_is_expected_trouble(parts: dict[str, Any]) -> None:
         ("points3d_m", -np.inf, f"points3d_m is infinite at {WHERE}"),
         ("confidence", 1.5, rf"confidence 1.5 is outside \[0, 1\] at {WHERE}"),
         ("confidence", -0.1, rf"confidence -0.1 is outside \[0, 1\] at {WHERE}"),
-        ("confidence", np.nan, rf"confidence nan is outside \[0, 1\] at {WHERE}"),
+        ("confidence", np.nan, rf"confidence nan is outside \[0, 1\] at {WHERE}: give 0, or no pixels, for"),
+        ("confidence", 87.0, rf"confidence 87 is outside \[0, 1\] at {WHERE}: divide by 100\?"),
         ("confidence", np.inf, rf"confidence inf is outside \[0, 1\] at {WHERE}"),
     ],
 )
