@@ -30,6 +30,7 @@ from fgpose.geometry.vectors import cross, dot
 # Weak: what is bumped turns by degrees and moves by centimetres.
 _SIGMAS = np.repeat([np.deg2rad(2.0), 0.05], 3)
 _ROUNDS = 5
+_LIMB, _FEWEST_JOINTS = 2, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,8 @@ class PoseFit:
     """By how much the move changes the angles between rays, root mean square, in their standard deviations."""
     shift_m: float
     """The same of the distances by which the rays miss each other at the body."""
+    of_most_joints: float
+    """Share of the gain that is left without the two joints that gain most: a limb that a camera shows elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +111,13 @@ class _Views:
         """By how much the angles in these blocks count against the prior."""
         total = float(self.weight[:, used[self.blocks.block]].sum())
         return min(1.0, CalibrationConfig().independent_measurements * len(self.scale) / max(total, 1.0))
+
+    def of_most_joints(
+        self, before: Float[np.ndarray, "other sample joint"], after: Float[np.ndarray, "other sample joint"]
+    ) -> float:
+        """The share of what is better without the two joints of which most is; 1 of skeletons of few joints."""
+        gain = np.sort((weighted(before, self.weight) - weighted(after, self.weight)).sum(axis=(0, 1)))
+        return float(gain[:-_LIMB].sum() / max(gain.sum(), 1e-9)) if len(gain) >= _FEWEST_JOINTS else 1.0
 
     def cost(self, angles: Float[np.ndarray, "other sample joint"]) -> Float[np.ndarray, " block"]:
         each = weighted(angles, self.weight).sum(axis=(0, 2))
@@ -240,13 +250,16 @@ def _fitted(
     move = _move(views, used, width)
     information, _ = views.equations(move, 1.0)
     covariance = np.linalg.inv(views.independent(used) * information[used].sum(axis=0) + np.diag(_SIGMAS**-2))
-    changed = views.angles(move) - views.angles(np.zeros(6))
-    there = (views.weight > 0) & used[views.blocks.block][None, :, None] & np.isfinite(changed)
+    angles = views.angles(np.zeros(6)), views.angles(move)
+    changed, samples = angles[1] - angles[0], used[views.blocks.block][None, :, None]
+    there = (views.weight > 0) & samples & np.isfinite(changed)
     sigma = float(np.sqrt(np.trace(covariance[:3, :3])))
     shift_m = _root_mean_square((changed * (views.scale * views.reach_m)[:, None, None])[there])
-    costs = before * told, views.cost(views.angles(move)) * told
+    costs = before * told, views.cost(angles[1]) * told
     edges = edges_as_good(*(costs if held[-1] else costs[::-1]))
-    return PoseFit(kind, move[:3], move[3:], held, gain, edges, sigma, _root_mean_square(changed[there]), shift_m)
+    of_most = views.of_most_joints(*(np.where(samples, each, np.nan) for each in angles))
+    shift = _root_mean_square(changed[there])
+    return PoseFit(kind, move[:3], move[3:], held, gain, edges, sigma, shift, shift_m, of_most)
 
 
 def _root_mean_square(values: Float[np.ndarray, " value"]) -> float:

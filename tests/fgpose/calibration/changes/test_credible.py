@@ -1,4 +1,4 @@
-"""What is believed of clocks: what many seconds say, and by more than they differ by chance."""
+"""What is believed of clocks and moves: what many seconds and joints say, by more than they differ by chance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import pytest
 
 from fgpose.calibration.changes.change import Kind
 from fgpose.calibration.changes.clock_changes import ClockFit
-from fgpose.calibration.changes.credible import is_clear
+from fgpose.calibration.changes.credible import holds, is_clear
+from fgpose.calibration.changes.pose_changes import PoseFit
 
 EVENLY = np.full(10, 8.0)
 OF_ONE = np.array([0.0, -1.0, 0.5, 4.0, -2.0, 60.0, 8.0, 7.0, -5.0, 8.5])  # as much in all
@@ -29,3 +30,9 @@ def test_a_rate_that_one_second_shows_is_an_error_of_the_detector() -> None:
 
 def test_seconds_that_each_suit_another_lag_say_nothing() -> None:
     assert not is_clear(fit(Kind.OFFSET, EVENLY, by_chance=40.0))
+
+
+@pytest.mark.parametrize(("of_most_joints", "is_held"), [(0.6, True), (0.1, False)])
+def test_a_limb_that_a_view_shows_elsewhere_is_no_move(of_most_joints: float, is_held: bool) -> None:
+    held, turn = np.ones(10, dtype=bool), np.array([0.0, 0.0, 0.02])
+    assert holds(PoseFit(Kind.BUMP, turn, turn, held, EVENLY, (0, 1), 0.01, 1.0, 0.05, of_most_joints)) is is_held
