@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.calibrated import Grade, by_remedy
 from fgpose.diagnosis.body.joint_names import in_words_by_part, limb_of
@@ -11,7 +11,7 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import SAMPLES, USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
-from fgpose.geometry.triangulation import usual_parallax_deg
+from fgpose.geometry.triangulation import parallax_rad
 from fgpose.sampling import spread_evenly, usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
@@ -22,31 +22,23 @@ _BLIND_RATIO = 0.5
 # property of the view. Below a twentieth they do no harm.
 _HALLUCINATING_RATIO, _HALLUCINATING_SHARE = 3.0, 0.05
 _MUCH_HALLUCINATED = 0.3
+_LEFT_OUT_RATIO = 2.0  # of limbs
 # One joint that a view shows elsewhere more often than not, and hardly any other.
 _OFTEN, _HARDLY = 0.5, 0.1
 _LEAST_S = 1.0
 # Of cameras on a bar of 0.9 m at 4.5 m errors are 60 to 80 mm, three to four times those of a ring.
 _NARROW_DEG = 15.0
+# Somebody who comes near to them is seen along lines that are further apart, and then goes away again.
+_OFTEN_NARROW, _MOSTLY = 0.25, 0.9
 
 
 def few_cameras(recording: FinishedRecording) -> list[Finding]:
     """With two cameras every detection that is wrong along the epipolar line goes unnoticed; the more side by side all
     cameras stand, the more the distance errs by it."""
     n_cameras, apart_deg = len(recording.camera_names), _apart_deg(recording)
-    if apart_deg < _NARROW_DEG:
-        larger = 1 / np.tan(np.deg2rad(max(apart_deg, 0.1)) / 2)  # 1 where the lines are at right angles
-        return [
-            Finding(
-                Code.FEW_CAMERAS,
-                Severity.DOUBTFUL,
-                f"{n_cameras} cameras that look at the person along lines only {apart_deg:.2g} degrees apart: how far "
-                f"away somebody is errs {larger:.0f} times as much as where they are in the image"
-                + (", and nothing contradicts it" if n_cameras == 2 else ""),
-                "Let them look from directions that differ by 30 to 150 degrees, or add a camera.",
-                0.8,
-                numbers={"apart_deg": apart_deg},
-            )
-        ]
+    narrow = apart_deg[apart_deg < _NARROW_DEG]
+    if len(narrow) > _OFTEN_NARROW * len(apart_deg):
+        return [_side_by_side(n_cameras, float(np.median(narrow)), len(narrow) / len(apart_deg))]
     if not 0 < n_cameras < 3:
         return []
     return [
@@ -61,15 +53,32 @@ def few_cameras(recording: FinishedRecording) -> list[Finding]:
     ]
 
 
-def _apart_deg(recording: FinishedRecording) -> float:
-    """Largest angle between the lines along which cameras look at the people, the median; NaN if it is not known."""
+def _side_by_side(n_cameras: int, apart_deg: float, share: float) -> Finding:
+    larger = 1 / np.tan(np.deg2rad(max(apart_deg, 0.1)) / 2)  # 1 where the lines are at right angles
+    where = "" if share > _MOSTLY else f" in {100 * share:.0f} % of the places where the person is"
+    return Finding(
+        Code.FEW_CAMERAS,
+        Severity.DOUBTFUL,
+        f"{n_cameras} cameras that look at the person along lines only {apart_deg:.2g} degrees apart{where}: how far "
+        f"away somebody is errs {larger:.0f} times as much as where they are in the image"
+        + (", and nothing contradicts it" if n_cameras == 2 else ""),
+        "Let them look from directions that differ by 30 to 150 degrees, or add a camera.",
+        0.8,
+        numbers={"apart_deg": apart_deg, "share": share},
+    )
+
+
+def _apart_deg(recording: FinishedRecording) -> Float[np.ndarray, " place"]:
+    """Largest angle between the lines along which cameras look at people, in some places; none if it is not known."""
     if recording.rig is None or len(recording.camera_names) < 2:
-        return np.nan
+        return np.zeros(0)
     some = [
         each.positions_m[spread_evenly(each.n_frames, SAMPLES)] for each in recording.people.values() if each.n_frames
     ]
     positions_m = np.concatenate([np.zeros((0, 3)), *(each.reshape(-1, 3) for each in some)])
-    return usual_parallax_deg(positions_m, recording.rig.subset(recording.camera_names))
+    known_m = positions_m[np.isfinite(positions_m).all(axis=-1)]
+    rig = recording.rig.subset(recording.camera_names)
+    return np.rad2deg(parallax_rad(known_m, np.ones((len(known_m), rig.n_cameras), dtype=bool), rig))
 
 
 def calibration_findings(recording: FinishedRecording) -> list[Finding]:
@@ -210,6 +219,7 @@ def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
         shares = _hallucinated_share(trajectory.visibility, (0,))
         elsewhere = (shares > _OFTEN) & judged
         wrong = elsewhere & (np.median(shares, axis=1, keepdims=True) < _HARDLY)
+        wrong |= judged & _limbs_left_out(shares)
         nowhere = (wrong.sum(axis=0) >= 2) & ((judged & ~elsewhere).sum(axis=0) < 2)
         if nowhere.any():
             found.append(_seen_by_nobody(recording, person, np.flatnonzero(nowhere).tolist(), shares))
@@ -219,6 +229,16 @@ def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
             groups.setdefault((c, limb), []).append(j)
         found += [_misplaced(recording, person, c, joints, shares[c]) for (c, _), joints in groups.items()]
     return found
+
+
+def _limbs_left_out(shares: Float[np.ndarray, "camera joint"]) -> Bool[np.ndarray, "camera joint"]:
+    """Joints that are hallucinated in a camera as often as no occluder makes them, some times as often as they are in
+    the others and as its other joints are: two at least, as of a limb. What all others take for it is believed."""
+    usual = np.maximum(
+        np.median(shares, axis=1)[:, None], np.stack([_median_of_others(own) for own in shares.T], axis=1)
+    )
+    much = (shares > _MUCH_HALLUCINATED) & (shares > _LEFT_OUT_RATIO * usual)
+    return much & (much.sum(axis=1, keepdims=True) >= 2)
 
 
 def _seen_by_nobody(
@@ -255,7 +275,8 @@ def _misplaced(
         Severity.DOUBTFUL,
         f"{recording.prefix(person)}camera {name} shows {named} elsewhere than the others do "
         f"in {100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
-        "Look at its images: what does the network take for this? A coat, a chair, the other side?",
+        "Look at its images: what does the network take for this? A coat, a chair, the other side? Or do the others: "
+        "which of them are right is not told.",
         0.3 * float(shares[worst]),
         camera=name,
         joint=skeleton.joints[worst],

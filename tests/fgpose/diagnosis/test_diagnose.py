@@ -26,12 +26,8 @@ def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:
     assert set(diagnosis.not_judged) == {"frame rate", "clocks and poses over time", "lenses"}  # it is short
 
 
-@pytest.mark.parametrize(
-    ("others_deg", "severity"), [((5,), Severity.DOUBTFUL), ((60,), Severity.NOTE), ((4, 8, 12), Severity.DOUBTFUL)]
-)
-def test_cameras_side_by_side_are_doubtful(others_deg: tuple[float, ...], severity: Severity) -> None:
-    """Four metres from somebody at the origin."""
-    truth_m = motion_m()
+def walk_before(others_deg: tuple[float, ...], truth_m: np.ndarray) -> FinishedRecording:
+    """Cameras at four metres from the origin, by their angles from the first of them."""
     angles = np.deg2rad([0.0, *others_deg])
     places_m = [np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.0]) for angle in angles]
     K = np.array([[1400.0, 0, 960], [0, 1400.0, 540], [0, 0, 1]])
@@ -42,11 +38,26 @@ def test_cameras_side_by_side_are_doubtful(others_deg: tuple[float, ...], severi
     rig = fgpose.CameraRig(tuple(cameras))
     status = np.full(truth_m.shape[:2], fgpose.Status.OBSERVED)
     walk = fgpose.Trajectory(SKELETON, np.arange(len(truth_m)) / 30, truth_m, status, camera_names=rig.names)
-    (finding,) = few_cameras(FinishedRecording("walk", {0: walk}, rig))
+    return FinishedRecording("walk", {0: walk}, rig)
+
+
+@pytest.mark.parametrize(
+    ("others_deg", "severity"), [((5,), Severity.DOUBTFUL), ((60,), Severity.NOTE), ((4, 8, 12), Severity.DOUBTFUL)]
+)
+def test_cameras_side_by_side_are_doubtful(others_deg: tuple[float, ...], severity: Severity) -> None:
+    (finding,) = few_cameras(walk_before(others_deg, motion_m()))
     assert (finding.code, finding.severity) == (Code.FEW_CAMERAS, severity)
     if severity is Severity.DOUBTFUL:
         # People who walk about are not at the origin.
         assert finding.numbers["apart_deg"] == pytest.approx(others_deg[-1], abs=2)
+
+
+def test_who_comes_near_to_cameras_side_by_side_goes_away_again() -> None:
+    truth_m = motion_m()
+    truth_m[: round(0.6 * len(truth_m))] += np.array([2.0, 0.0, 0.0])  # there they are 24 degrees apart
+    (finding,) = few_cameras(walk_before((12,), truth_m))
+    assert finding.severity is Severity.DOUBTFUL
+    assert finding.numbers["share"] == pytest.approx(0.4, abs=0.05)
 
 
 def test_what_cannot_be_judged_is_said(walking_scene: Scene) -> None:
