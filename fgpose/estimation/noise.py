@@ -1,16 +1,18 @@
 """Errors of detections that are correlated in time: n frames carry less information than n independent measurements.
 
-Used wherever errors are counted: covariances, bone lengths, time offsets, the depth of a view.
+Used wherever errors are counted: covariances, bone lengths, time offsets, the depth of a view. And their size is not
+the same all the time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import parts_of, usual_step_s
 
 CORRELATION_S = 0.15
 """Time over which the errors of a pose network are correlated, measured on a monocular network."""
@@ -24,6 +26,11 @@ MEMORY_S = 30.0
 person turns, and a camera may be moved."""
 LEAST_SPREAD_M = 0.002
 """No network errs less at a joint, along each axis of the image."""
+SAME_S = 0.5
+"""For so long errors are taken for equally large: a few times as long as they are correlated."""
+_FEWEST_STRETCHES = 4  # tell how much they differ
+_LEAST_OF_STRETCH = 0.2  # of the usual number of measurements
+_NORMAL_MEDIAN = 0.4549  # of the square of a normal error, in its variance
 ROUNDING = 1e-12
 """Of the total variance of a joint. A point next to a camera is known to micrometres in two directions and to a metre
 in the third; rounding errors would make the least variance negative."""
@@ -61,6 +68,38 @@ def shrunk(
     numbers differ by orders of magnitude."""
     logs = measurements * np.log(own) + prior_measurements * np.log(usual)
     return np.asarray(np.exp(logs / (measurements + prior_measurements)))
+
+
+def sizes_over_time(
+    found: Float[np.ndarray, " stretch"], measurements: Float[np.ndarray, " stretch"]
+) -> Float[np.ndarray, " stretch"]:
+    """Variance of the errors in each stretch of SAME_S, in that of all: light, distance and motion change it. Believed
+    as far as stretches differ by more than those that follow each other, which differ by chance (empirical Bayes);
+    there the median, for a change is one such step.
+
+    Args:
+        found: usual squared error of a stretch, in any unit; of a median, as of errors that grow the largest are taken
+            for hallucinated.
+        measurements: how many tell it.
+    """
+    told, sizes = (measurements > _LEAST_OF_STRETCH * np.median(measurements)) & (found > 0), np.ones(len(found))
+    if np.count_nonzero(told) < _FEWEST_STRETCHES:
+        return sizes
+    logs = np.log(found[told] * measurements[told].sum() / np.sum(found[told] * measurements[told]))
+    by_chance = float(np.median(np.diff(logs) ** 2)) / _NORMAL_MEDIAN / 2
+    sizes[told] = np.exp(max(1 - by_chance / max(float(np.var(logs)), 1e-12), 0.0) * logs)
+    return sizes
+
+
+def sizes_around_frames(
+    of_stretch: Callable[[slice], tuple[float, float]], n_frames: int, step_s: float
+) -> Float[np.ndarray, " frame"]:
+    """The same around each frame of a recording, given what is found in a stretch of frames, and how many measurements
+    tell it."""
+    parts = parts_of(n_frames, int(np.clip(round(min(SAME_S / step_s, n_frames)), 1, n_frames)))
+    found = np.array([of_stretch(part) for part in parts])
+    middles = [(part.start + part.stop - 1) / 2 for part in parts]
+    return np.interp(np.arange(n_frames), middles, sizes_over_time(*found.T))
 
 
 def surely_positive(matrices: Float[np.ndarray, "*matrices row row"]) -> Float[np.ndarray, "*matrices row row"]:

@@ -32,18 +32,16 @@ from fgpose.estimation.covariances.roughness import TELLS_AGAIN_S, roughness
 from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR
 from fgpose.estimation.covariances.variance_components import (
     LONGEST_STEP_S,
-    SAME_S,
     TIMES_S,
     ErrorComponents,
     correlation_after,
     size_in_stretch,
-    sizes_over_time,
 )
-from fgpose.estimation.noise import surely_positive
+from fgpose.estimation.noise import sizes_around_frames, surely_positive
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
-from fgpose.sampling import parts_of, spread_evenly, usual_step_s
+from fgpose.sampling import spread_evenly, usual_step_s
 
 # So many samples are drawn at once, until they are so many independent pieces of the time over which they are averaged.
 # The inverse of a covariance from n of these is n / (n - 4) times as large as it should be on average.
@@ -67,7 +65,7 @@ def covariance_of_errors_m2(
         components = _components(segment, telling, step_s)
         rng = np.random.default_rng(0)
         lasting_in_views = _lasting_in_views(segment, linearized, telling)
-        sizes = _sizes_over_time(telling, step_s)
+        sizes = _sizes(telling, step_s)
         deviations = Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views, sizes)
         in_graph_m2 = covariance_m2[:, joints]
         alike = AlikeFrames.of(in_graph_m2, np.asarray(linearized.weight > 0).sum(axis=1), step_s)
@@ -189,14 +187,11 @@ def _components(segment: Segment, telling: TellingDetections, step_s: float) -> 
     return ErrorComponents.of(found, lags * step_s, step_s, names)
 
 
-def _sizes_over_time(telling: TellingDetections, step_s: float) -> Float[np.ndarray, " frame"]:
+def _sizes(telling: TellingDetections, step_s: float) -> Float[np.ndarray, " frame"]:
     """Variance of the errors around each frame, in that of the recording."""
     _, of_all = telling.parities
     squared, dimensions = products_later(of_all, of_all)
-    parts = parts_of(len(squared), max(round(SAME_S / step_s), 1))
-    of_stretches = np.array([size_in_stretch(squared[part], dimensions[part]) for part in parts])
-    middles = [(part.start + part.stop - 1) / 2 for part in parts]
-    return np.interp(np.arange(len(squared)), middles, sizes_over_time(*of_stretches.T))
+    return sizes_around_frames(lambda part: size_in_stretch(squared[part], dimensions[part]), len(squared), step_s)
 
 
 def _lasting_in_views(

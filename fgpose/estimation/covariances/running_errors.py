@@ -24,13 +24,11 @@ from fgpose.estimation.covariances.detection_errors import (
 from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, CameraMoves, JointMoves, MoveSums, without_move
 from fgpose.estimation.covariances.variance_components import (
     MOST_FRAMES,
-    SAME_S,
     ErrorComponents,
     size_in_stretch,
-    sizes_over_time,
 )
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import MEMORY_S
+from fgpose.estimation.noise import MEMORY_S, SAME_S, sizes_over_time
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 

@@ -40,12 +40,8 @@ _USUAL_DIFFERENCE, _MOST_DIFFERENCE = 0.3, 0.9
 # three other cameras: fgpose_benchmarks/data/detection_errors). Half of it, for that is one man.
 _OF_HIPS, _HIPS = 0.5, ("hip", "pelvis")
 _STEPS = 200  # of the integral over the squared correlation
-SAME_S = 0.5
-"""For so long errors are taken for equally large: a few times as long as they are correlated."""
-_FEWEST_STRETCHES = 4  # tell how much they differ
 _LEAST_DIMENSIONS = 0.5  # of a joint in a frame: two cameras have 1, and none where they stand in line with it
 _LEAST_OF_STRETCH = 0.2  # of the usual number of dimensions
-_NORMAL_MEDIAN = 0.4549  # of the square of a normal error, in its variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,21 +121,6 @@ def size_in_stretch(
     there are. The median: of errors that grow, the largest are taken for hallucinated."""
     known = dimensions > _LEAST_DIMENSIONS
     return float(np.median(squared[known] / dimensions[known])) if known.any() else 0.0, float(dimensions.sum())
-
-
-def sizes_over_time(
-    found: Float[np.ndarray, " stretch"], dimensions: Float[np.ndarray, " stretch"]
-) -> Float[np.ndarray, " stretch"]:
-    """Variance of the errors in each stretch of SAME_S, in that of all: light, distance and motion change it. Believed
-    as far as stretches differ by more than those that follow each other, which differ by chance (empirical Bayes);
-    there the median, for a change is one such step. Arguments as size_in_stretch gives them."""
-    told, sizes = (dimensions > _LEAST_OF_STRETCH * np.median(dimensions)) & (found > 0), np.ones(len(found))
-    if np.count_nonzero(told) < _FEWEST_STRETCHES:
-        return sizes
-    logs = np.log(found[told] * dimensions[told].sum() / np.sum(found[told] * dimensions[told]))
-    by_chance = float(np.median(np.diff(logs) ** 2)) / _NORMAL_MEDIAN / 2
-    sizes[told] = np.exp(max(1 - by_chance / max(float(np.var(logs)), 1e-12), 0.0) * logs)
-    return sizes
 
 
 def correlation_after(time_s: float, lags_s: Float[np.ndarray, " lag"]) -> Float[np.ndarray, " lag"]:

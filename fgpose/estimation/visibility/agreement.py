@@ -58,7 +58,7 @@ class Agreement:
     def of(
         residuals: DetectionResiduals,
         visible_m: Float[np.ndarray, "#frame camera #joint"],
-        spread_m: Float[np.ndarray, " camera"],
+        spread_m: Float[np.ndarray, "*#frame camera"],
         usual: float,
         least: float,
         rig: CameraRig,
@@ -78,7 +78,7 @@ class Agreement:
         """
         on_path = residuals.log_densities(visible_m, rig, skeleton, config)
         log_odds, off_path_m = on_path.visible - on_path.hidden, np.full(residuals.positions_m.shape, np.nan)
-        frames, joints = np.nonzero(_are_off(residuals.seen, residuals.length_m, spread_m[:, None]))
+        frames, joints = np.nonzero(_are_off(residuals.seen, residuals.length_m, spread_m[..., None]))
         if len(frames):
             points = _Points.of(residuals, on_path, visible_m, spread_m, (frames, joints))
             places = _Places.of(points, rig, skeleton, config)
@@ -120,7 +120,7 @@ class _Points:
         residuals: DetectionResiduals,
         on_path: LogDensities,
         visible_m: Float[np.ndarray, "#frame camera #joint"],
-        spread_m: Float[np.ndarray, " camera"],
+        spread_m: Float[np.ndarray, "*#frame camera"],
         at: tuple[Int[np.ndarray, " point"], Int[np.ndarray, " point"]],
     ) -> _Points:
         frames, joints = at
@@ -137,7 +137,7 @@ class _Points:
             undistorted_px=of_points(residuals.undistorted_px),
             seen=of_points(residuals.seen),
             px_per_m=px_per_m,
-            spread_px=px_per_m * spread_m,
+            spread_px=px_per_m * of_points(np.broadcast_to(spread_m[..., None], residuals.seen.shape)),
             on_path=LogDensities(*(of_points(array) for array in vars(on_path).values())),
             fitted=log_density_fitted(length_px, visible_px),
             log_prior=np.log(1 - _OFF_PATH) + residuals.log_occam[frames, joints],

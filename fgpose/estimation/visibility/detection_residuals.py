@@ -264,7 +264,9 @@ def log_density_hidden(
 
 
 def hidden_information(
-    length_m: Float[np.ndarray, "frame camera joint"], spread_m: Float[np.ndarray, " camera"], config: VisibilityConfig
+    length_m: Float[np.ndarray, "frame camera joint"],
+    spread_m: Float[np.ndarray, "*#frame camera"],
+    config: VisibilityConfig,
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Of the detection of a hidden joint, relative to that of a visible one; 0 where not seen.
 
@@ -277,7 +279,7 @@ def hidden_information(
         spread_m: of visible detections of each camera.
         config: the priors.
     """
-    relative = (CORRELATED_FACTOR * spread_m[:, None] / config.hallucinated_m) ** 2
+    relative = (CORRELATED_FACTOR * spread_m[..., None] / config.hallucinated_m) ** 2
     return np.nan_to_num((1 - _OTHER_JOINT_SHARE) * 3 / (1 + (length_m / config.hallucinated_m) ** 2) * relative)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import CORRELATED_FACTOR, LEAST_SPREAD_M, shrunk, surely_positive
+from fgpose.estimation.noise import CORRELATED_FACTOR, LEAST_SPREAD_M, shrunk, sizes_around_frames, surely_positive
 from fgpose_factors.robust_statistics import weighted_median
 
 # So many independent measurements outweigh the prior spread: of all cameras, and of one camera against all.
@@ -51,6 +51,15 @@ class Contradictions:
         # Of a sum of squares with so many degrees of freedom (Satterthwaite 1946, Wilson and Hilferty 1931).
         median = np.where(self.tells, self.freedom * (1 - 2 / (9 * degrees)) ** 3, np.nan)
         return np.linalg.norm(left_px, axis=-1) / np.sqrt(median) / self.px_per_m / _LEFT_BY_KERNEL
+
+    def sizes(self, step_s: float) -> Float[np.ndarray, " frame"]:
+        """Variance of the errors of detections around each frame, in that of the recording."""
+
+        def of_stretch(part: slice) -> tuple[float, float]:
+            own_m = self.single_spread_m[part][self.tells[part]]
+            return float(np.median(own_m)) ** 2 if own_m.size else 0.0, float(own_m.size)
+
+        return sizes_around_frames(of_stretch, len(self.tells), step_s)
 
     @cached_property
     def freedom(self) -> Float[np.ndarray, "frame camera joint"]:
@@ -104,20 +113,23 @@ def spread_m(
 
 
 def with_spread(
-    evidence: Evidence, spread_m: Float[np.ndarray, " camera"], px_per_m: Float[np.ndarray, "frame camera joint"]
+    evidence: Evidence, spread_m: Float[np.ndarray, "*#frame camera"], px_per_m: Float[np.ndarray, "frame camera joint"]
 ) -> Evidence:
     """The evidence with the standard deviations that the graph should take for detections of visible joints.
 
     Args:
         evidence: keeps its own where the scale is not known.
-        spread_m: of each camera; see DetectionResiduals.spread_m.
+        spread_m: of each camera, perhaps in each frame; see DetectionResiduals.spread_m.
         px_per_m: scale of the image at the joint; NaN where it is not known.
     """
-    sigma_px = CORRELATED_FACTOR * spread_m[:, None] * px_per_m
+    sigma_px = CORRELATED_FACTOR * spread_m[..., None] * px_per_m
     return replace(evidence, sigma_px=np.where(np.isfinite(sigma_px), sigma_px, evidence.sigma_px))
 
 
 def spread_m_of(evidence: Evidence, px_per_m: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:
-    """The spread of each camera from which with_spread made the standard deviations; inf where it has no detection."""
+    """The spread of each camera from which with_spread made the standard deviations, root mean square over time; inf
+    where it has no detection."""
     spread_m = evidence.sigma_px / (CORRELATED_FACTOR * px_per_m)
-    return np.min(spread_m, axis=(0, 2), where=evidence.detected & np.isfinite(spread_m), initial=np.inf)
+    told = evidence.detected & np.isfinite(spread_m)
+    squared_m2, n_told = np.sum(spread_m**2, axis=(0, 2), where=told), told.sum(axis=(0, 2))
+    return np.where(n_told > 0, np.sqrt(squared_m2 / np.maximum(n_told, 1)), np.inf)

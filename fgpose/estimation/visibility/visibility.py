@@ -66,7 +66,8 @@ def judged(
             evidence = evidence.less_bias(positions_m, bias, rig)
     residuals = DetectionResiduals.of(positions_m, evidence, rig, config)
     spread_m = residuals.spread_m(priors.sigma_m, float(np.median(independent(step_s, CORRELATION_S))))
-    spread_of_joint_m = np.hypot(spread_m[:, None], moved_m[:, None])
+    spread_m = spread_m * np.sqrt(residuals.contradictions.sizes(float(np.median(step_s))))[:, None]
+    spread_of_joint_m = np.hypot(spread_m[..., None], moved_m[:, None])
     said = Agreement.of(residuals, spread_of_joint_m, spread_m, chain.usual, 0.0, rig, skeleton, priors)
     odds = said.log_odds * independent(step_s, RESIDUALS_CORRELATED_S)[:, None, None]
     probability = chain.smoothed(chain.filtered(odds, step_s), odds, step_s)
@@ -92,7 +93,7 @@ def with_visibility(
     evidence: Evidence,
     length_m: Float[np.ndarray, "frame camera joint"],
     px_per_m: Float[np.ndarray, "frame camera joint"],
-    spread_m: Float[np.ndarray, " camera"],
+    spread_m: Float[np.ndarray, "*#frame camera"],
     probability: Float[np.ndarray, "frame camera joint"],
     step_s: Float[np.ndarray, "*steps"],
     config: VisibilityConfig,
