@@ -41,7 +41,6 @@ _USUAL_DIFFERENCE, _MOST_DIFFERENCE = 0.3, 0.9
 _OF_HIPS, _HIPS = 0.5, ("hip", "pelvis")
 _STEPS = 200  # of the integral over the squared correlation
 _LEAST_DIMENSIONS = 0.5  # of a joint in a frame: two cameras have 1, and none where they stand in line with it
-_LEAST_OF_STRETCH = 0.2  # of the usual number of dimensions
 
 
 @dataclass(frozen=True, eq=False)
