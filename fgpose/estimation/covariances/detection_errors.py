@@ -14,7 +14,7 @@ looks like another position. So errors are those against the joint as the detect
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -113,6 +113,11 @@ class TellingDetections:
         alone = Parity.of(residual, jacobian, good)
         both = Parity.of(residual, jacobian, good | near) if near.any() else alone
         return TellingDetections((alone, both), float(near.sum()), float(far.sum() - near.sum()))
+
+    def times(self, factor: Float[np.ndarray, " frame"]) -> TellingDetections:
+        """With residuals so many times as large."""
+        alone, both = (replace(each, residual=factor[:, None, None] * each.residual) for each in self.parities)
+        return replace(self, parities=(alone, both))
 
 
 def accepted(

@@ -62,10 +62,10 @@ def covariance_of_errors_m2(
         covariance_m2 = surely_positive(linearized.covariance_m2())
         of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
         telling = _telling(segment, linearized, residual)
-        components = _components(segment, telling, step_s)
+        sizes = _sizes(telling, step_s)
+        components = _components(segment, telling.times(1 / np.sqrt(sizes)), step_s)
         rng = np.random.default_rng(0)
         lasting_in_views = _lasting_in_views(segment, linearized, telling)
-        sizes = _sizes(telling, step_s)
         deviations = Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views, sizes)
         in_graph_m2 = covariance_m2[:, joints]
         alike = AlikeFrames.of(in_graph_m2, np.asarray(linearized.weight > 0).sum(axis=1), step_s)

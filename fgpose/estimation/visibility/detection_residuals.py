@@ -146,9 +146,12 @@ class DetectionResiduals:
         of_pose_m = self.length_m / np.sqrt(np.where(self.tells[0], self.redundancy, 1.0)) / MEDIAN_LENGTH
         return np.stack([of_pose_m, self.contradictions.single_spread_m])
 
-    def spread_m(self, prior_m: float, independent: float) -> Float[np.ndarray, " camera"]:
-        """See spread.spread_m."""
-        measures = zip(self.single_spread_m, self.tells, strict=True)
+    def spread_m(
+        self, prior_m: float, independent: float, sizes: Float[np.ndarray, " frame"] | None = None
+    ) -> Float[np.ndarray, " camera"]:
+        """See spread.spread_m; where errors have the variance 1 in these sizes of each frame (None: in all)."""
+        single_m = self.single_spread_m if sizes is None else self.single_spread_m / np.sqrt(sizes)[:, None, None]
+        measures = zip(single_m, self.tells, strict=True)
         return np.min([spread_m(*measure, self.weights, prior_m, independent) for measure in measures], axis=0)
 
     def log_densities(

@@ -65,8 +65,9 @@ def judged(
             bias = sums.bias(spread_m_of(evidence, rig.px_per_m(positions_m)))
             evidence = evidence.less_bias(positions_m, bias, rig)
     residuals = DetectionResiduals.of(positions_m, evidence, rig, config)
-    spread_m = residuals.spread_m(priors.sigma_m, float(np.median(independent(step_s, CORRELATION_S))))
-    spread_m = spread_m * np.sqrt(residuals.contradictions.sizes(float(np.median(step_s))))[:, None]
+    sizes = residuals.contradictions.sizes(float(np.median(step_s)))
+    spread_m = residuals.spread_m(priors.sigma_m, float(np.median(independent(step_s, CORRELATION_S))), sizes)
+    spread_m = np.sqrt(sizes)[:, None] * spread_m
     spread_of_joint_m = np.hypot(spread_m[..., None], moved_m[:, None])
     said = Agreement.of(residuals, spread_of_joint_m, spread_m, chain.usual, 0.0, rig, skeleton, priors)
     odds = said.log_odds * independent(step_s, RESIDUALS_CORRELATED_S)[:, None, None]
