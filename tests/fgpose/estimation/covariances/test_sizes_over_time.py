@@ -84,8 +84,7 @@ def test_covariances_follow_errors_that_become_three_times_as_large(
     assert within[25:190].mean() > 0.88
     assert within[190:].mean() > 0.86
     if not online:
-        # One size for all takes more of the largest errors for hallucinated: 16 % more error than of that part alone. The
-        # quiet part tells the bones.
+        # One size for all takes more of the largest errors for hallucinated: 16 % more error than of that part alone.
         alone_m = fgpose.smooth(changed[190:], rig).positions_m - truth_m[190:]
         mean_m, mean_alone_m = (np.linalg.norm(each, axis=-1).mean() for each in (error_m[190:], alone_m))
         assert mean_m < 1.03 * mean_alone_m
