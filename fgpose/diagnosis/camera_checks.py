@@ -11,7 +11,7 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import SAMPLES, USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
-from fgpose.geometry.triangulation import parallax_rad
+from fgpose.geometry.triangulation import parallaxes_deg
 from fgpose.sampling import spread_evenly, usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
@@ -76,9 +76,7 @@ def _apart_deg(recording: FinishedRecording) -> Float[np.ndarray, " place"]:
         each.positions_m[spread_evenly(each.n_frames, SAMPLES)] for each in recording.people.values() if each.n_frames
     ]
     positions_m = np.concatenate([np.zeros((0, 3)), *(each.reshape(-1, 3) for each in some)])
-    known_m = positions_m[np.isfinite(positions_m).all(axis=-1)]
-    rig = recording.rig.subset(recording.camera_names)
-    return np.rad2deg(parallax_rad(known_m, np.ones((len(known_m), rig.n_cameras), dtype=bool), rig))
+    return parallaxes_deg(positions_m, recording.rig.subset(recording.camera_names))
 
 
 def calibration_findings(recording: FinishedRecording) -> list[Finding]:

@@ -177,8 +177,13 @@ def parallax_rad(
     return np.arccos(np.clip(smallest, 0.0, 1.0))
 
 
+def parallaxes_deg(positions_m: Float[np.ndarray, "*points 3"], rig: CameraRig) -> Float[np.ndarray, " known_point"]:
+    """Of all cameras, at the points that are known."""
+    known_m = positions_m[np.isfinite(positions_m).all(axis=-1)]
+    return np.rad2deg(parallax_rad(known_m, np.ones((len(known_m), rig.n_cameras), dtype=bool), rig))
+
+
 def usual_parallax_deg(positions_m: Float[np.ndarray, "*points 3"], rig: CameraRig) -> float:
     """Of all cameras, the median over the points that are known; NaN where none is."""
-    known_m = positions_m[np.isfinite(positions_m).all(axis=-1)]
-    apart_rad = parallax_rad(known_m, np.ones((len(known_m), rig.n_cameras), dtype=bool), rig)
-    return float(np.rad2deg(np.median(apart_rad))) if len(known_m) else np.nan
+    apart_deg = parallaxes_deg(positions_m, rig)
+    return float(np.median(apart_deg)) if len(apart_deg) else np.nan

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.examined import Examined
-from fgpose.diagnosis.seen.rounded import bends_px, filled_and_rounded
+from fgpose.diagnosis.seen.rounded import differences_px, filled_and_rounded
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import parts_of, stretches, usual_step_s
 
@@ -59,18 +59,23 @@ def _filled_of(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray
     """Of one camera."""
     known = np.asarray(np.isfinite(points_px).all(axis=-1))
     exact_px, step_px = _EXACT * _spread_px(points_px, known), _step_px(points_px[known])
-    filled = _filled(points_px, known, max(2.01 * step_px, exact_px))
+    bend_px = differences_px(points_px, 2)
+    filled = _filled(points_px, bend_px, known, max(2.01 * step_px, exact_px))
     if filled.any():
         return filled
-    return filled_and_rounded(points_px, step_px) if step_px > exact_px else _on_curves(points_px, exact_px)
+    if step_px > exact_px:
+        return filled_and_rounded(points_px, bend_px, step_px)
+    return _on_curves(points_px, bend_px, exact_px)
 
 
 def _filled(
-    points_px: Float[np.ndarray, "frame joint 2"], known: Bool[np.ndarray, "frame joint"], exact_px: float
+    points_px: Float[np.ndarray, "frame joint 2"],
+    bend_px: Float[np.ndarray, "frame-2 joint"],
+    known: Bool[np.ndarray, "frame joint"],
+    exact_px: float,
 ) -> Bool[np.ndarray, "frame joint"]:
     """Those of which hardly a bend is as small as what counts as exact."""
     filled = np.zeros(points_px.shape[:2], dtype=bool)
-    bend_px = bends_px(points_px)
     known_px = bend_px[np.isfinite(bend_px)]
     if len(known_px) < _FEWEST or not np.quantile(known_px, _BENT, overwrite_input=True) > _FINER * exact_px:
         return filled
@@ -83,13 +88,12 @@ def _filled(
     return _runs(filled)
 
 
-def _on_curves(points_px: Float[np.ndarray, "frame joint 2"], exact_px: float) -> Bool[np.ndarray, "frame joint"]:
+def _on_curves(
+    points_px: Float[np.ndarray, "frame joint 2"], bend_px: Float[np.ndarray, "frame-2 joint"], exact_px: float
+) -> Bool[np.ndarray, "frame joint"]:
     """On a cubic curve, as splines fill gaps: without fourth differences."""
-    filled, bend_px = np.zeros(points_px.shape[:2], dtype=bool), bends_px(points_px)
-    if len(points_px) < 5:
-        return filled
-    double_px = np.diff(points_px.astype(float), n=4, axis=0)
-    fourth_px, exact_px = np.abs(double_px).max(axis=-1), _OF_FOURTH * exact_px
+    filled = np.zeros(points_px.shape[:2], dtype=bool)
+    fourth_px, exact_px = differences_px(points_px, 4), _OF_FOURTH * exact_px
     known_px = fourth_px[np.isfinite(fourth_px)]
     if len(known_px) < _FEWEST or not np.quantile(known_px, 1 - _BENT) > _FINER * exact_px:
         return filled

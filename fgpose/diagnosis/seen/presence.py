@@ -254,8 +254,8 @@ def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Findi
         return []
     of_chosen = far[:, cameras].any(axis=1)
     untold = _untold(geometry.state.scene, found.distance_m, far, judged)
-    severity, see, believed, remedy = _who_is_believed(cameras, float(np.mean(of_chosen & untold)))
-    when, share = at_s[of_chosen], float(of_chosen.mean())
+    when, share, share_untold = at_s[of_chosen], float(of_chosen.mean()), float(np.mean(of_chosen & untold))
+    severity, see, believed, remedy = _who_is_believed(cameras, share_untold)
     return [
         Finding(
             Code.DISAGREEING_CAMERA,
@@ -267,7 +267,7 @@ def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Findi
             camera=names[cameras[0]] if len(cameras) == 1 else "",
             from_s=float(when[0]),
             to_s=float(when[-1]),
-            numbers={"share": share, "share_untold": float(np.mean(of_chosen & untold))},
+            numbers={"share": share, "share_untold": share_untold},
         )
     ]
 

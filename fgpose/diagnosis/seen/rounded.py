@@ -22,16 +22,16 @@ _BY_CHANCE = 1e-6
 
 
 def filled_and_rounded(
-    points_px: Float[np.ndarray, "frame joint 2"], step_px: float
+    points_px: Float[np.ndarray, "frame joint 2"], bend_px: Float[np.ndarray, "frame-2 joint"], step_px: float
 ) -> Bool[np.ndarray, "frame joint"]:
     """Of one camera.
 
     Args:
         points_px: NaN = missing.
+        bend_px: their second differences.
         step_px: to which they were rounded.
     """
     filled = np.zeros(points_px.shape[:2], dtype=bool)
-    bend_px = bends_px(points_px)
     for joint in range(points_px.shape[1]):
         own_px = points_px[:, joint].astype(float)
         for first, end in _improbable(own_px, bend_px[:, joint], step_px):
@@ -71,11 +71,11 @@ def _speed_on_line_px(points_px: Float[np.ndarray, "frame 2"], step_px: float) -
     return speed_px if is_line and speed_px * (len(time) - 1) >= _MOVES * step_px else 0.0
 
 
-def bends_px(points_px: Float[np.ndarray, "frame joint 2"]) -> Float[np.ndarray, "frame-2 joint"]:
-    """Second differences, the larger of both axes; in double precision, as what counts as exact is not far above the
-    rounding of single."""
-    bends_px = np.empty((max(len(points_px) - 2, 0), points_px.shape[1]))
-    for part in parts_of(len(bends_px)):
-        some_px = points_px[part.start : part.stop + 2].astype(float)
-        bends_px[part] = np.abs(some_px[:-2] - 2 * some_px[1:-1] + some_px[2:]).max(axis=-1)
-    return bends_px
+def differences_px(points_px: Float[np.ndarray, "frame joint 2"], order: int) -> Float[np.ndarray, "shorter joint"]:
+    """Of this order (the second are bends), the larger of both axes; in double precision, as what counts as exact is
+    not far above the rounding of single."""
+    found_px = np.empty((max(len(points_px) - order, 0), points_px.shape[1]))
+    for part in parts_of(len(found_px)):
+        some_px = points_px[part.start : part.stop + order].astype(float)
+        found_px[part] = np.abs(np.diff(some_px, n=order, axis=0)).max(axis=-1)
+    return found_px

@@ -39,11 +39,6 @@ def rig() -> CameraRig:
     return room(4, seed=3)
 
 
-@pytest.fixture(scope="module")
-def seen(rig: CameraRig) -> Observations:
-    return recorded(rig, seed=3)
-
-
 def scaled(rig: CameraRig, factor: float) -> CameraRig:
     """With all distances multiplied."""
 

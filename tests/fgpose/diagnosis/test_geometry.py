@@ -44,11 +44,6 @@ def rig() -> CameraRig:
     return room(4, seed=3)
 
 
-@pytest.fixture(scope="module")
-def seen(rig: CameraRig) -> Observations:
-    return recorded(rig, seed=3)
-
-
 def found(seen: Observations, rig: CameraRig) -> list[Finding]:
     return disagreements(Examined.of(seen, rig))
 

@@ -11,17 +11,12 @@ from fgpose.diagnosis.seen.noisy import noisy_keypoints
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from tests.fgpose.diagnosis.damaged import recorded, room, with_points
+from tests.fgpose.diagnosis.damaged import room, with_points
 
 
 @pytest.fixture(scope="module")
 def rig() -> CameraRig:
     return room(4, seed=3)
-
-
-@pytest.fixture(scope="module")
-def seen(rig: CameraRig) -> Observations:
-    return recorded(rig, seed=3)
 
 
 def jumping(seen: Observations, by_px: float, frames: slice, cameras: slice = slice(None)) -> Observations:

@@ -9,11 +9,11 @@ from scipy.interpolate import CubicSpline
 import fgpose
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
-from fgpose.diagnosis.seen.rounded import filled_and_rounded
+from fgpose.diagnosis.seen.rounded import differences_px, filled_and_rounded
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from tests.fgpose.diagnosis.damaged import SKELETON, recorded, room, with_points
+from tests.fgpose.diagnosis.damaged import SKELETON, room, with_points
 
 LIMBS = [SKELETON.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("wrist", "elbow", "ankle")]
 GAPS = ((12, 34), (60, 88), (110, 135))
@@ -22,11 +22,6 @@ GAPS = ((12, 34), (60, 88), (110, 135))
 @pytest.fixture(scope="module")
 def rig() -> CameraRig:
     return room(3, seed=3)
-
-
-@pytest.fixture(scope="module")
-def seen(rig: CameraRig) -> Observations:
-    return recorded(rig, seed=3)
 
 
 def filled(seen: Observations, known: list[int]) -> np.ndarray:
@@ -67,4 +62,5 @@ def test_gaps_that_were_filled_by_splines(seen, rig) -> None:
 def test_nothing_is_told_of_real_recordings_that_were_rounded(name: str, step_px: float) -> None:
     _, seen = fgpose.files.load_recording(name)
     for c in range(seen.n_cameras):
-        assert not filled_and_rounded(step_px * np.round(seen.points2d_px[:, c] / step_px), step_px).any()
+        rounded_px = step_px * np.round(seen.points2d_px[:, c] / step_px)
+        assert not filled_and_rounded(rounded_px, differences_px(rounded_px, 2), step_px).any()

@@ -33,11 +33,6 @@ def rig() -> CameraRig:
     return room(3, seed=3)
 
 
-@pytest.fixture(scope="module")
-def seen(rig: CameraRig) -> Observations:
-    return recorded(rig, seed=3)
-
-
 def without(seen: Observations, frames: slice, cameras: slice = slice(None)) -> Observations:
     """Five seconds at 30 Hz, of which some cameras see nothing for some."""
     points_px = seen.points2d_px.copy()

@@ -11,7 +11,7 @@ from fgpose.diagnosis.hypotheses.since_a_moment import since_a_moment
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from tests.fgpose.diagnosis.damaged import SIZE_PX, SKELETON, recorded, room, with_points
+from tests.fgpose.diagnosis.damaged import SIZE_PX, SKELETON, room, with_points
 
 AT, AT_S = 80, 80 / 30
 
@@ -19,11 +19,6 @@ AT, AT_S = 80, 80 / 30
 @pytest.fixture(scope="module")
 def rig() -> CameraRig:
     return room(4, seed=3)
-
-
-@pytest.fixture(scope="module")
-def seen(rig: CameraRig) -> Observations:
-    return recorded(rig, seed=3)
 
 
 def exchanged(seen: Observations, frames: slice) -> Observations:
