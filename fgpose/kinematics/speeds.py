@@ -48,7 +48,11 @@ def joint_speeds(trajectory: Trajectory) -> JointSpeeds:
     Raises:
         ValueError: the times do not increase.
     """
+    speeds = speeds_m_s(with_centre_m(trajectory), trajectory.time_s)
+    return JointSpeeds((*trajectory.skeleton.joints, CENTRE), trajectory.time_s, speeds, trajectory.frame_numbers)
+
+
+def with_centre_m(trajectory: Trajectory) -> Float[np.ndarray, "frame point 3"]:
+    """The joints, and the root of the body after them."""
     positions_m = trajectory.positions_m
-    points_m = np.concatenate([positions_m, centre_m(positions_m, trajectory.skeleton)[:, None]], axis=1)
-    names = (*trajectory.skeleton.joints, CENTRE)
-    return JointSpeeds(names, trajectory.time_s, speeds_m_s(points_m, trajectory.time_s), trajectory.frame_numbers)
+    return np.concatenate([positions_m, centre_m(positions_m, trajectory.skeleton)[:, None]], axis=1)

@@ -31,11 +31,11 @@ from fgpose.io.trajectories.c3d import ROTATION_LABEL, require_ezc3d, write_c3d
 from fgpose.io.trajectories.result_table import frame_numbers, numbered
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
-from fgpose.kinematics.motion import centre_m, heights_m
+from fgpose.kinematics.motion import heights_m
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.kinematics.poses import segment_poses
 from fgpose.kinematics.quantities import Quantities
-from fgpose.kinematics.speeds import JointSpeeds, joint_speeds
+from fgpose.kinematics.speeds import JointSpeeds, joint_speeds, with_centre_m
 from fgpose.plain_files import naming
 from fgpose.trajectory import Trajectory
 
@@ -196,8 +196,7 @@ def _rows(
 def _quantities(trajectory: Trajectory, world_up: WorldUp) -> _Quantities:
     """Everything that stands in the table."""
     angles, speeds = joint_angles(trajectory, world_up), joint_speeds(trajectory)
-    positions_m, up = trajectory.positions_m, up_vector(world_up)
-    points_m = np.concatenate([positions_m, centre_m(positions_m, trajectory.skeleton)[:, None]], axis=1)
+    points_m, up = with_centre_m(trajectory), up_vector(world_up)
     height_sigma_m = np.full(points_m.shape[:2], np.nan)
     if trajectory.covariance_m2 is not None:
         height_sigma_m[:, :-1] = np.sqrt(trajectory.covariance_m2 @ up @ up)
