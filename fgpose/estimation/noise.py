@@ -26,6 +26,8 @@ MEMORY_S = 30.0
 person turns, and a camera may be moved."""
 LEAST_SPREAD_M = 0.002
 """No network errs less at a joint, along each axis of the image."""
+LEARNED_EVERY_S = 0.03
+"""Online. Errors are correlated over 0.15 s and more: frames between tell hardly anything new of them."""
 SAME_S = 0.5
 """For so long errors are taken for equally large: a few times as long as they are correlated."""
 _FEWEST_STRETCHES = 4  # tell how much they differ

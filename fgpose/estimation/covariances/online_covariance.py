@@ -20,13 +20,12 @@ from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR, distrust_fac
 from fgpose.estimation.covariances.variance_components import LONGEST_STEP_S, TIMES_S
 from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.frame_state import FrameState
-from fgpose.estimation.noise import surely_positive
+from fgpose.estimation.noise import LEARNED_EVERY_S, surely_positive
 from fgpose.estimation.process_noise import NEARBY_S
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 
 _LEAST_STEP_S = 1e-4  # no camera is faster
-_ERRORS_EVERY_S = 0.03  # errors are correlated over 0.15 s and more: frames between tell hardly anything new of them
 
 
 class OnlineCovariances:
@@ -46,7 +45,7 @@ class OnlineCovariances:
         """From a frame that is one lag old."""
         evidence, positions_m = oldest.evidence, oldest.positions_m
         self._unlearned_s = self._unlearned_s + oldest.step_s if np.isfinite(oldest.step_s) else 0.0
-        if self._unlearned_s >= _ERRORS_EVERY_S:
+        if self._unlearned_s >= LEARNED_EVERY_S:
             views = whitened(evidence, positions_m, rig)
             self.errors.add(evidence, positions_m, views, self._unlearned_s, rig)
             by_axis = information_by_axis(views[1])[0]

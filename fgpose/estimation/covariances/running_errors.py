@@ -63,7 +63,7 @@ class RunningErrors:
         self._moved = self._moves.most_likely()
         self._n_frames, self._step_s, self._since_s, self._since_others_s = 0.0, 0.0, 0.0, np.inf
         self._within, self._around = 0.0, 0.0
-        self._stretch, self._in_stretch_s = list[Parity](), 0.0
+        self._stretch, self._in_stretch_s = list[Float[np.ndarray, "2 joint"]](), 0.0  # products, dimensions
         self._stretches: deque[tuple[float, float]] = deque(maxlen=int(MEMORY_S / SAME_S))
 
     def add(
@@ -92,7 +92,7 @@ class RunningErrors:
         self._step_s = step_s if self._n_frames == 0 else keep * self._step_s + (1 - keep) * step_s
         self._n_frames = keep * self._n_frames + 1
         self._add_later(Parity.joined(list(telling.parities)), keep)
-        self._add_to_stretch(telling.parities[1], step_s)
+        self._end_stretch(step_s)
         if tells_others:
             memory = float(np.exp(-self._since_others_s / MEMORY_S))
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
@@ -113,12 +113,11 @@ class RunningErrors:
         joints = JointMoves.of(jacobian, accepted(jacobian, evidence.weights), positions_m[None], rig)
         return evidence.bias_share[0, :, None, None] * joints.covariance_m2(self.moments_m2, slice(None))[0]
 
-    def _add_to_stretch(self, parity: Parity, step_s: float) -> None:
-        self._stretch.append(parity)
+    def _end_stretch(self, step_s: float) -> None:
+        """If it is as long as errors are taken for equally large."""
         self._in_stretch_s += step_s
         if self._in_stretch_s >= SAME_S:
-            stretch = Parity.joined(self._stretch)
-            self._stretches.append(size_in_stretch(*products_later(stretch, stretch)))
+            self._stretches.append(size_in_stretch(*np.stack(self._stretch, axis=1)))
             self.size = float(sizes_over_time(*np.array(self._stretches).T)[-1])
             self._stretch, self._in_stretch_s = [], 0.0
 
@@ -131,10 +130,11 @@ class RunningErrors:
         there = self._lags < len(self._parities)
         earlier = Parity.joined([self._parities[lag] for lag in self._lags[there].tolist()])
         newest = Parity.joined([parity] * int(there.sum()))
-        products = np.stack(products_later(earlier, newest), axis=1).reshape(-1, 2, 2, len(self._joints))
-        self._sums = keep * self._sums
         # By lag and kind of detections, then products and dimensions.
-        self._sums[there] += products.reshape(-1, 2, 2, len(self._joints))
+        products = np.stack(products_later(earlier, newest), axis=1).reshape(-1, 2, 2, len(self._joints))
+        self._stretch.append(products[0, 1])  # of all detections, with those of the same frame
+        self._sums = keep * self._sums
+        self._sums[there] += products
         while len(self._parities) > self._lags[-1]:
             self._parities.pop()
 

@@ -40,7 +40,7 @@ _USUAL_DIFFERENCE, _MOST_DIFFERENCE = 0.3, 0.9
 # three other cameras: fgpose_benchmarks/data/detection_errors). Half of it, for that is one man.
 _OF_HIPS, _HIPS = 0.5, ("hip", "pelvis")
 _STEPS = 200  # of the integral over the squared correlation
-_LEAST_DIMENSIONS = 0.5  # of a joint in a frame: two cameras have 1, and none where they stand in line with it
+_LEAST_OF_JOINT = 0.5  # of a joint in a frame: two cameras have 1, and none where they stand in line with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def size_in_stretch(
 ) -> tuple[float, float]:
     """Usual squared error of the joints in a stretch of frames in parity space, by dimension, and how many of these
     there are. The median: of errors that grow, the largest are taken for hallucinated."""
-    known = dimensions > _LEAST_DIMENSIONS
+    known = dimensions > _LEAST_OF_JOINT
     return float(np.median(squared[known] / dimensions[known])) if known.any() else 0.0, float(dimensions.sum())
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import Bias, RunningBias
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import CORRELATION_S, LEAST_SPREAD_M
+from fgpose.estimation.noise import CORRELATION_S, LEARNED_EVERY_S, LEAST_SPREAD_M
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, lengths_m
 from fgpose.estimation.visibility.spread import PRIOR_MEASUREMENTS_OF_CAMERA
@@ -29,7 +29,6 @@ from fgpose.skeleton import Skeleton
 
 # Online, the spread follows a camera that is moved within some seconds.
 _SPREAD_MEMORY_S = 10.0
-_LEARN_EVERY_S = 0.03  # errors are correlated over 0.15 s and more, and joints stay hidden for longer
 # 1 / (2 f), with the density f of the logarithm of the length of a normal error at its median, ln 2.
 _MEDIAN_GAIN = 0.72
 # Logarithm of the odds from which online a place off the predicted path is believed on which three views agree: nothing
@@ -164,7 +163,7 @@ class RunningVisibility:
         """The oldest frame leaves the window. Take the next one, as it was judged last, with its weights as gathered:
         biases, and how long joints stay visible or hidden, are learned from it, if it tells anything new."""
         before = self._oldest
-        if not self._on or (before is not None and oldest.time_s[0] - before.time_s[0] < _LEARN_EVERY_S):
+        if not self._on or (before is not None and oldest.time_s[0] - before.time_s[0] < LEARNED_EVERY_S):
             return
         self._oldest = oldest
         if before is None:
