@@ -66,7 +66,7 @@ def run(soak: SoakConditions, n_frames: int) -> SoakResult:
 
 def _online(soak: SoakConditions, n_frames: int, result: SoakResult) -> None:
     rng = np.random.default_rng([soak.seed, 1])
-    estimator = fgpose.Estimator(soak.rig, soak.skeleton, soak.config)
+    estimator = fgpose.Estimator(soak.rig, soak.skeleton, soak.config, times_are_checked=True)
     held_mb: tuple[list[float], ...] = ([], [], [], [])
     longest = 0
     for number, (before, frame) in enumerate(itertools.pairwise(_frames(soak, n_frames))):
