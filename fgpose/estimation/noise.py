@@ -75,9 +75,8 @@ def shrunk(
 def sizes_over_time(
     found: Float[np.ndarray, " stretch"], measurements: Float[np.ndarray, " stretch"]
 ) -> Float[np.ndarray, " stretch"]:
-    """Variance of the errors in each stretch of SAME_S, in that of all: light, distance and motion change it. Believed
-    as far as stretches differ by more than those that follow each other, which differ by chance (empirical Bayes);
-    there the median, for a change is one such step.
+    """Variance of the errors in each stretch of SAME_S, in that of all: light, distance and motion change it. See
+    share_believed.
 
     Args:
         found: usual squared error of a stretch, in any unit; of a median, as of errors that grow the largest are taken
@@ -85,12 +84,18 @@ def sizes_over_time(
         measurements: how many tell it.
     """
     told, sizes = (measurements > _LEAST_OF_STRETCH * np.median(measurements)) & (found > 0), np.ones(len(found))
-    if np.count_nonzero(told) < _FEWEST_STRETCHES:
-        return sizes
     logs = np.log(found[told] * measurements[told].sum() / np.sum(found[told] * measurements[told]))
-    by_chance = float(np.median(np.diff(logs) ** 2)) / _NORMAL_MEDIAN / 2
-    sizes[told] = np.exp(max(1 - by_chance / max(float(np.var(logs)), 1e-12), 0.0) * logs)
+    sizes[told] = np.exp(share_believed(logs) * logs)
     return sizes
+
+
+def share_believed(logs: Float[np.ndarray, " stretch"]) -> float:
+    """Of what the logarithms of variances in stretches that follow each other say: as far as they differ by more than
+    neighbours, which differ by chance (empirical Bayes); there the median, for a change is one such step."""
+    if len(logs) < _FEWEST_STRETCHES:
+        return 0.0
+    by_chance = float(np.median(np.diff(logs) ** 2)) / _NORMAL_MEDIAN / 2
+    return max(1 - by_chance / max(float(np.var(logs)), 1e-12), 0.0)
 
 
 def sizes_around_frames(

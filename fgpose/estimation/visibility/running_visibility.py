@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import Bias, RunningBias
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import CORRELATION_S, LEARNED_EVERY_S, LEAST_SPREAD_M
+from fgpose.estimation.noise import LEARNED_EVERY_S
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, lengths_m
-from fgpose.estimation.visibility.spread import PRIOR_MEASUREMENTS_OF_CAMERA
+from fgpose.estimation.visibility.running_spread import RunningSpread
 from fgpose.estimation.visibility.visibility import (
     RESIDUALS_CORRELATED_S,
     independent,
@@ -27,10 +27,6 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import Skeleton
 
-# Online, the spread follows a camera that is moved within some seconds.
-_SPREAD_MEMORY_S = 10.0
-# 1 / (2 f), with the density f of the logarithm of the length of a normal error at its median, ln 2.
-_MEDIAN_GAIN = 0.72
 # Logarithm of the odds from which online a place off the predicted path is believed on which three views agree: nothing
 # later takes it back. At 0 the mean error of the newest pose on the tuning clips of the benchmark, occluded, is 3 %
 # larger.
@@ -45,10 +41,8 @@ class _Known:
     """That each joint is visible in the last."""
     last_s: Float[np.ndarray, "camera 1"]
     """When that was taken."""
-    spreads_m: Float[np.ndarray, "measure camera"]
-    """By both measures of DetectionResiduals, of which the smaller holds."""
-    measurements: Float[np.ndarray, "measure camera"]
-    """From which they were learned, as far as they count still."""
+    spread: RunningSpread
+    """How large their errors are."""
 
     def since_s(self, evidence: Evidence) -> Float[np.ndarray, "camera 1"]:
         """Time from the last image of each camera to a frame; one that is there twice at one time tells nothing new."""
@@ -78,8 +72,7 @@ class RunningVisibility:
         self._on = config.visibility.model == "markov"
         self._probability = np.full((n_cameras, skeleton.n_joints), self._chain.usual if self._on else 1.0)
         self._last_s = np.full((n_cameras, 1), -np.inf)
-        self._spreads_m = np.full((2, n_cameras), config.visibility.sigma_m)
-        self._measurements = np.zeros((2, n_cameras))
+        self._spread = RunningSpread.at_first(config.visibility.sigma_m, n_cameras)
         self._newest_s, self._before_newest = -np.inf, self._known_of_images()
         self._bias = RunningBias(n_cameras, skeleton.n_joints)
         self._oldest: Evidence | None = None
@@ -98,11 +91,11 @@ class RunningVisibility:
 
     def _known_of_images(self) -> _Known:
         """As they are; no array of them changes."""
-        return _Known(self._probability, self._last_s, self._spreads_m, self._measurements)
+        return _Known(self._probability, self._last_s, self._spread)
 
     @property
     def _spread_m(self) -> Float[np.ndarray, " camera"]:
-        return self._spreads_m.min(axis=0)
+        return self._spread.spread_m
 
     def _known_before(self, evidence: Evidence) -> _Known:
         """What the images before those of a frame tell, which is the newest or a new one."""
@@ -122,14 +115,14 @@ class RunningVisibility:
             return
         before = self._known_before(evidence)
         self._newest_s, self._before_newest = float(evidence.time_s[0]), before
-        self._spreads_m, self._measurements = before.spreads_m, before.measurements
+        self._spread = before.spread
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
         since_s = before.since_s(evidence)
         odds = self._log_odds(residuals, velocities_mps[None], rig)[0] * independent(since_s, RESIDUALS_CORRELATED_S)
         updated = self._chain.updated(self._chain.predicted(before.probability, since_s), odds)
         self._probability = np.where(has_image[:, None], updated, before.probability)
         self._last_s = np.where(has_image[:, None], evidence.time_s[0], before.last_s)
-        self._learn_spread(since_s, residuals, has_image)
+        self._spread = before.spread.then(self._newest_s, since_s, residuals, has_image)
 
     def judged(
         self,
@@ -190,21 +183,6 @@ class RunningVisibility:
     ) -> Agreement:
         given, priors = (residuals, visible_m, self._spread_m, self._chain.usual), self._config.visibility
         return Agreement.of(*given, _SURE_ONLINE, rig, self._skeleton, priors)
-
-    def _learn_spread(
-        self,
-        since_s: Float[np.ndarray, "camera 1"],
-        residuals: DetectionResiduals,
-        has_image: Bool[np.ndarray, " camera"],
-    ) -> None:
-        """Robbins and Monro's estimate of the weighted median that the batch takes."""
-        tells, single_m = residuals.tells[:, 0] & has_image[:, None], residuals.single_spread_m[:, 0]
-        measurements = np.where(tells, independent(since_s, CORRELATION_S) * residuals.weights[0], 0.0)
-        keep = np.where(has_image, np.exp(-since_s[:, 0] / _SPREAD_MEMORY_S), 1.0)
-        self._measurements = keep * self._measurements + measurements.sum(axis=-1)
-        larger = np.sum(measurements * np.sign(single_m - self._spreads_m[..., None]), axis=-1, where=tells)
-        logs = _MEDIAN_GAIN * larger / (PRIOR_MEASUREMENTS_OF_CAMERA + self._measurements)
-        self._spreads_m = np.maximum(self._spreads_m * np.exp(logs), LEAST_SPREAD_M)
 
     def with_image(
         self,

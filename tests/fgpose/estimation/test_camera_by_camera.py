@@ -254,7 +254,7 @@ def test_all_images_are_judged_in_any_order(rig: fgpose.CameraRig, skeleton: fgp
             by_images.update_camera(rig.names[c], time_s, points2d_px[frame, c], seen.confidence[frame, c])
     ours, whole = by_images._body._visibility, by_frames._body._visibility
     # The poses differ by where the graphs were linearised.
-    np.testing.assert_allclose(ours._measurements, whole._measurements, rtol=0.05)
+    np.testing.assert_allclose(ours._spread.measurements, whole._spread.measurements, rtol=0.05)
     np.testing.assert_allclose(ours._spread_m, whole._spread_m, rtol=0.1)
     visibility = [each._body._window[-1].evidence.visibility for each in (by_images, by_frames)]
     np.testing.assert_allclose(visibility[0], visibility[1], atol=0.1)
