@@ -67,6 +67,11 @@ class Parity:
         """Some of the frames."""
         return Parity(self.residual[frames], self.explained[frames], self.known[frames])
 
+    def times(self, factor: Float[np.ndarray, "frame 1 1"]) -> Parity:
+        """With residuals so many times as large; where that is nothing, of detections that are not known."""
+        known = factor > 0
+        return Parity(factor * self.residual, known[..., None] * self.explained, known & self.known)
+
     @staticmethod
     def joined(parts: list[Parity]) -> Parity:
         """Of parts that follow each other."""
@@ -115,8 +120,8 @@ class TellingDetections:
         return TellingDetections((alone, both), float(near.sum()), float(far.sum() - near.sum()))
 
     def times(self, factor: Float[np.ndarray, " frame"]) -> TellingDetections:
-        """With residuals so many times as large."""
-        alone, both = (replace(each, residual=factor[:, None, None] * each.residual) for each in self.parities)
+        """With residuals so many times as large; where that is nothing, they tell nothing."""
+        alone, both = (each.times(factor[:, None, None]) for each in self.parities)
         return replace(self, parities=(alone, both))
 
 

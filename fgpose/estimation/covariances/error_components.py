@@ -41,12 +41,15 @@ from fgpose.estimation.noise import sizes_around_frames, surely_positive
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
+from fgpose.estimation.visibility.spread import spread_m_of
 from fgpose.sampling import spread_evenly, usual_step_s
 
 # So many samples are drawn at once, until they are so many independent pieces of the time over which they are averaged.
 # The inverse of a covariance from n of these is n / (n - 4) times as large as it should be on average.
 _SAMPLES, _PIECES = 8, 64
 _LEAST_TELLING = 1e-3  # of the variance of the graph
+# Variances that differ by more may be of errors of other kinds.
+_OTHER_KIND = 2.0
 _CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 
 
@@ -62,11 +65,14 @@ def covariance_of_errors_m2(
         covariance_m2 = surely_positive(linearized.covariance_m2())
         of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
         telling = _telling(segment, linearized, residual)
-        sizes = _sizes(telling, step_s)
-        components = _components(segment, telling.times(1 / np.sqrt(sizes)), step_s)
         rng = np.random.default_rng(0)
         lasting_in_views = _lasting_in_views(segment, linearized, telling)
-        deviations = Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views, sizes)
+        deviations, lasting = Deviations.none(linearized), 0.0
+        for sizes in _kinds(segment, positions_m, _sizes(telling, step_s)):
+            of_kind = telling.times(np.divide(1.0, np.sqrt(sizes), out=np.zeros_like(sizes), where=sizes > 0))
+            components = _components(segment, of_kind, step_s)
+            lasting = lasting + np.mean(sizes > 0) * components.lasting
+            deviations += Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views, sizes)
         in_graph_m2 = covariance_m2[:, joints]
         alike = AlikeFrames.of(in_graph_m2, np.asarray(linearized.weight > 0).sum(axis=1), step_s)
         tells = segment.evidence.observed[:, joints]
@@ -78,9 +84,9 @@ def covariance_of_errors_m2(
         found_m2 = root @ relative[known] @ root.swapaxes(-1, -2) + (bias_share * of_cameras_m2)[known]
     frames, slots = np.nonzero(known)
     covariance_m2[frames, joints[slots]] = found_m2
-    lasting = np.ones(positions_m.shape[1])
-    lasting[joints] = components.lasting
-    return covariance_m2, lasting
+    lasting_of_all = np.ones(positions_m.shape[1])
+    lasting_of_all[joints] = lasting
+    return covariance_m2, lasting_of_all
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +96,16 @@ class Deviations:
     samples_m: Float[np.ndarray, "sample frame slot 3"]
     covariance_m2: Float[np.ndarray, "frame slot 3 3"]
     """Of as many samples as tell it once it is averaged over AVERAGED_S."""
+
+    @staticmethod
+    def none(linearized: Linearized) -> Deviations:
+        """Of detections without errors."""
+        n_frames, _, n_slots = linearized.weight.shape
+        return Deviations(np.zeros((_SAMPLES, n_frames, n_slots, 3)), np.zeros((n_frames, n_slots, 3, 3)))
+
+    def __add__(self, other: Deviations) -> Deviations:
+        """Of independent errors."""
+        return Deviations(self.samples_m + other.samples_m, self.covariance_m2 + other.covariance_m2)
 
     @staticmethod
     def of(
@@ -192,6 +208,26 @@ def _sizes(telling: TellingDetections, step_s: float) -> Float[np.ndarray, " fra
     _, of_all = telling.parities
     squared, dimensions = products_later(of_all, of_all)
     return sizes_around_frames(lambda part: size_in_stretch(squared[part], dimensions[part]), len(squared), step_s)
+
+
+def _kinds(
+    segment: Segment, positions_m: Float[np.ndarray, "frame joint 3"], sizes: Float[np.ndarray, " frame"]
+) -> list[Float[np.ndarray, " frame"]]:
+    """The sizes in frames with small errors and in those with large ones, 0 in the others: what makes errors larger
+    lasts for another time than the rest. One kind where they differ by less than tells."""
+    evidence, px_per_m = segment.evidence, segment.rig.px_per_m(positions_m)
+    told = evidence.detected & np.isfinite(px_per_m)
+    if not told.any():
+        return [sizes]
+    # The graph may take them for larger there already.
+    in_usual = evidence.sigma_px / px_per_m / spread_m_of(evidence, px_per_m)[:, None]
+    n_told = told.sum(axis=(1, 2))
+    variance = sizes * np.sum(in_usual**2, axis=(1, 2), where=told) / np.maximum(n_told, 1)
+    least, largest = np.percentile(variance[n_told > 0], [5, 95])
+    if largest < _OTHER_KIND * least:
+        return [sizes]
+    is_large = variance > np.sqrt(least * largest)
+    return [np.where(of_kind, sizes, 0.0) for of_kind in (~is_large, is_large)]
 
 
 def _lasting_in_views(
