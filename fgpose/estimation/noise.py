@@ -31,7 +31,8 @@ LEARNED_EVERY_S = 0.03
 SAME_S = 0.5
 """For so long errors are taken for equally large: a few times as long as they are correlated."""
 _FEWEST_STRETCHES = 4  # tell how much they differ
-_LEAST_OF_STRETCH = 0.2  # of the usual number of measurements
+# Of the usual number of measurements. Fewer views see another axis of the errors: two side by side the vertical one.
+_LEAST_OF_STRETCH = 0.5
 _NORMAL_MEDIAN = 0.4549  # of the square of a normal error, in its variance
 ROUNDING = 1e-12
 """Of the total variance of a joint. A point next to a camera is known to micrometres in two directions and to a metre
@@ -84,18 +85,25 @@ def sizes_over_time(
         measurements: how many tell it.
     """
     told, sizes = (measurements > _LEAST_OF_STRETCH * np.median(measurements)) & (found > 0), np.ones(len(found))
-    logs = np.log(found[told] * measurements[told].sum() / np.sum(found[told] * measurements[told]))
-    sizes[told] = np.exp(share_believed(logs) * logs)
+    found, measurements = found[told], measurements[told]
+    logs = np.log(found * measurements.sum() / np.sum(found * measurements))
+    sizes[told] = np.exp(share_believed(logs, measurements) * logs)
     return sizes
 
 
-def share_believed(logs: Float[np.ndarray, " stretch"]) -> float:
+def share_believed(
+    logs: Float[np.ndarray, " stretch"], measurements: Float[np.ndarray, " stretch"]
+) -> Float[np.ndarray, " stretch"]:
     """Of what the logarithms of variances in stretches that follow each other say: as far as they differ by more than
-    neighbours, which differ by chance (empirical Bayes); there the median, for a change is one such step."""
+    so many measurements do by chance, which neighbours show (empirical Bayes); there the median, for a change is one
+    such step."""
     if len(logs) < _FEWEST_STRETCHES:
-        return 0.0
-    by_chance = float(np.median(np.diff(logs) ** 2)) / _NORMAL_MEDIAN / 2
-    return max(1 - by_chance / max(float(np.var(logs)), 1e-12), 0.0)
+        return np.zeros(len(logs))
+    of_neighbours = np.diff(logs) ** 2 / (1 / measurements[1:] + 1 / measurements[:-1])
+    by_chance = float(np.median(of_neighbours)) / _NORMAL_MEDIAN / measurements
+    off = logs - np.average(logs, weights=measurements)
+    real = max(float(np.average(off**2 - by_chance, weights=measurements)), 0.0)
+    return real / np.maximum(real + by_chance, 1e-12)
 
 
 def sizes_around_frames(

@@ -119,7 +119,11 @@ def size_in_stretch(
     """Usual squared error of the joints in a stretch of frames in parity space, by dimension, and how many of these
     there are. The median: of errors that grow, the largest are taken for hallucinated."""
     known = dimensions > _LEAST_OF_JOINT
-    return float(np.median(squared[known] / dimensions[known])) if known.any() else 0.0, float(dimensions.sum())
+    if not known.any():
+        return 0.0, 0.0
+    # Half of a chi-squared is less than its mean (Wilson and Hilferty 1931): two views have one dimension.
+    median = dimensions[known] * (1 - 2 / (9 * dimensions[known])) ** 3
+    return float(np.median(squared[known] / median)), float(dimensions.sum())
 
 
 def correlation_after(time_s: float, lags_s: Float[np.ndarray, " lag"]) -> Float[np.ndarray, " lag"]:

@@ -33,8 +33,8 @@ class RunningSpread:
     """From which they were learned, as far as they count still."""
     lately: tuple[tuple[float, Float[np.ndarray, "2 _"]], ...] = ()
     """Time of each frame of the last SAME_S, and what its detections alone say for the spread, with their weights."""
-    stretches: tuple[tuple[float, float], ...] = ()
-    """End of each earlier stretch of SAME_S, and the logarithm of the median of what it says."""
+    stretches: tuple[tuple[float, float, float], ...] = ()
+    """End of each earlier stretch of SAME_S, the logarithm of the median of what it says, and how much counts there."""
 
     @staticmethod
     def at_first(prior_m: float, n_cameras: int) -> RunningSpread:
@@ -49,10 +49,10 @@ class RunningSpread:
     @cached_property
     def _size(self) -> float:
         """Of the errors lately, in the usual ones; believed as far as stretches differ by more than by chance."""
-        if not self.stretches or (newest := _log_median(self.lately)) is None:
+        if not self.stretches or not (newest := _log_median(self.lately))[1]:
             return 1.0
-        logs = 2 * np.array([log for _, log in self.stretches] + [newest])
-        return float(np.exp(share_believed(logs) * (newest - np.log(self.usual_m[1]).mean())))
+        logs, of_all = np.array([stretch[1:] for stretch in self.stretches] + [newest]).T
+        return float(np.exp(share_believed(2 * logs, of_all)[-1] * (logs[-1] - np.log(self.usual_m[1]).mean())))
 
     def then(
         self,
@@ -93,12 +93,15 @@ class RunningSpread:
         """Nothing of the last frame but its usual errors goes into a stretch: another image may join it."""
         stretches, before = self.stretches, [frame for frame in self.lately if frame[0] < time_s]
         ended_s = stretches[-1][0] if stretches else before[0][0] if before else time_s
-        if time_s - ended_s >= SAME_S and (log := _log_median(before)) is not None:
-            stretches = (*stretches, (time_s, log))[-_MOST_STRETCHES:]
+        if time_s - ended_s >= SAME_S and (told := _log_median(before))[1]:
+            stretches = (*stretches, (time_s, *told))[-_MOST_STRETCHES:]
         lately = (*(frame for frame in before if frame[0] > time_s - SAME_S), (time_s, told_m))
         return replace(self, lately=lately, stretches=stretches)
 
 
-def _log_median(frames: Sequence[tuple[float, Float[np.ndarray, "2 _"]]]) -> float | None:
+def _log_median(frames: Sequence[tuple[float, Float[np.ndarray, "2 _"]]]) -> tuple[float, float]:
+    """And of how much; of nothing where nobody is seen."""
     single_m, weights = np.concatenate([told_m for _, told_m in frames], axis=1)
-    return float(np.log(max(weighted_median(single_m, weights), LEAST_SPREAD_M))) if weights.any() else None
+    if not weights.any():
+        return 0.0, 0.0
+    return float(np.log(max(weighted_median(single_m, weights), LEAST_SPREAD_M))), float(weights.sum())

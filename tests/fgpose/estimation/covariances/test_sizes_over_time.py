@@ -37,6 +37,22 @@ def test_chance_is_hardly_taken_for_a_change() -> None:
     assert np.median(spread) < 0.05  # of 0.18
 
 
+def test_a_stretch_that_fewer_measurements_tell_is_believed_less() -> None:
+    """And one that less than half as many tell not at all: other views see other axes of the errors."""
+    found = stretches(np.random.default_rng(0), 1.0)
+    found[5] = 4.0
+    of_all, of_fewer, of_few = (
+        sizes_over_time(found, np.where(np.arange(20) == 5, share, 1.0) * DIMENSIONS)[5] for share in (1.0, 0.6, 0.4)
+    )
+    assert of_all > of_fewer > of_few == 1.0
+
+
+def test_two_views_say_as_much_as_four() -> None:
+    rng = np.random.default_rng(0)
+    sizes = [size_in_stretch(rng.chisquare(n, (500, 17)), np.full((500, 17), float(n)))[0] for n in (1, 3, 5)]
+    np.testing.assert_allclose(sizes, 1.0, rtol=0.1)  # Wilson and Hilferty's median of one degree of freedom: 4 %
+
+
 def test_what_shows_nobody_and_what_is_short_tells_nothing() -> None:
     found = stretches(np.random.default_rng(0), 4.0)
     found[5] = 0.0
@@ -113,6 +129,6 @@ def test_errors_that_come_in_addition_may_last_for_another_time(
     smoothed = fgpose.smooth(louder, rig)
     assert smoothed.covariance_m2 is not None
     within = covered(smoothed.positions_m, smoothed.covariance_m2, truth_m)
-    # One correlation time for all: 88 and 96 %.
-    assert within[:190].mean() == pytest.approx(0.92, abs=0.02)
-    assert within[190:].mean() == pytest.approx(0.93, abs=0.02)
+    # One correlation time for all: 89 and 96 %.
+    assert within[:190].mean() > 0.9
+    assert 0.9 < within[190:].mean() < 0.96
