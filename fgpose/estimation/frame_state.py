@@ -61,23 +61,20 @@ class FrameState:
         """With the weights as gathered, and the standard deviations and probabilities of the graph."""
         return replace(self.gathered, sigma_px=self.evidence.sigma_px, visibility=self.evidence.visibility)
 
-    def would_change(self, evidence: Evidence, by_share: float) -> Bool[np.ndarray, " joint"]:
-        """Which joints have a detection whose weight would change by more than this share of its weight as gathered."""
-        share = np.abs(evidence.weights - self.evidence.weights) / self.gathered.weights
-        return np.asarray((evidence.detected & (share > by_share)).any(axis=(0, 1)))
-
-    def weighted(self, evidence: Evidence, joints: Bool[np.ndarray, " joint"]) -> FrameState:
-        """The frame with the visibility of this evidence, and its weights and standard deviations for some joints."""
+    def weighted(self, evidence: Evidence, frame: slice, joints: Bool[np.ndarray, " joint"]) -> Evidence:
+        """Its evidence with the visibility of this frame of another, and the weights and standard deviations there for
+        some joints."""
         changed: dict[str, np.ndarray] = {}
         for name in ("weights", "sigma_px", "depth_sigma_m"):
             own = getattr(self.evidence, name)
-            of_others = getattr(evidence, name)[:, : own.shape[1]]  # nothing where this frame has no depths
-            changed[name] = np.where(joints, of_others, own)
-        return replace(self, evidence=replace(self.evidence, **changed)).judged(evidence.visibility[0])
+            of_other = getattr(evidence, name)[frame, : own.shape[1]]  # nothing where this frame has no depths
+            changed[name] = np.where(joints, of_other, own)
+        return replace(self.evidence, **changed, visibility=evidence.visibility[frame])
 
     def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
-        """The frame with the probability that each of its detections is of its joint."""
-        return replace(self, evidence=replace(self.evidence, visibility=visibility[None]))
+        """The newest frame with the probability that each of its detections is of its joint."""
+        evidence = replace(self.evidence, visibility=visibility[None])
+        return replace(self, evidence=evidence, filtered=visibility)
 
     @property
     def joints(self) -> list[int]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence, concatenated
@@ -83,11 +83,11 @@ class RunningLengths:
         self._sample[time_s] = evidence
 
     def revise(self, evidence: Evidence) -> None:
-        """Take what is known of the detections of a frame by now, if it is one of the sample or of the last."""
-        time_s = float(evidence.time_s[0])
-        for frames in (self._sample, self._last):
-            if time_s in frames:
-                frames[time_s] = evidence
+        """Take what is known of the detections of frames by now, of those in the sample or among the last."""
+        for number, time_s in enumerate(evidence.time_s.tolist()):
+            for frames in (self._sample, self._last):
+                if time_s in frames:
+                    frames[time_s] = evidence.frames(slice(number, number + 1))
 
     def improve(self, rig: CameraRig) -> None:
         """The next step of an estimation that has begun; otherwise begin one if there is reason to. The rig is that of
@@ -99,10 +99,10 @@ class RunningLengths:
             settled, self._estimation = self._estimation, None
             (self._compare if settled.is_of_last else self._take)(settled)
 
-    def have_changed(self, lengths_m: Float[np.ndarray, " length"]) -> bool:
+    def have_changed(self, lengths_m: Float[np.ndarray, "*frames length"]) -> Bool[np.ndarray, "*frames"]:
         """Whether a length is new since these, or differs by more than a bone varies."""
         same = np.abs(self.learned.lengths_m - lengths_m) <= self._config.symmetry.sigma_m
-        return bool((np.isfinite(self.learned.lengths_m) & ~same).any())
+        return np.asarray((np.isfinite(self.learned.lengths_m) & ~same).any(axis=-1))
 
     def _knows_a_bone(self, evidence: Evidence) -> bool:
         return bool(np.isfinite(self._skeleton.bone_lengths(evidence.guess_m[0])).any())

@@ -250,8 +250,7 @@ class PartEstimator:
         # What was given up is found again where its detections fit each other.
         positions_m = np.where(newest.active[:, None], newest.positions_m, newest.evidence.guess_m[0])
         self._visibility.add(positions_m, newest.velocities_mps, newest.as_gathered, self._rig, has_image)
-        probability = self._visibility.probability
-        self._window[-1] = replace(newest.judged(probability), filtered=probability)
+        self._window[-1] = newest.judged(self._visibility.probability)
         self._prediction.note(self._window[-1])
 
     def _revised(self) -> dict[int, FrameState]:
@@ -270,22 +269,21 @@ class PartEstimator:
         frames = [self._window.read(at) for at in range(first, len(self._window))]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
         gathered = concatenated([state.as_gathered for state in frames])
-        known, filtered = self._visibility.judged(
-            gathered, *poses, self._rig, self._filtered(self._window.before(first))
-        )
+        before = self._filtered(self._window.before(first))
+        known, filtered = self._visibility.judged(gathered, *poses, self._rig, before)
+        self._lengths.revise(known)
+        new_lengths = self._lengths.have_changed(np.stack([state.lengths_m for state in frames]))
+        share = np.abs(known.weights - np.concatenate([state.evidence.weights for state in frames])) / gathered.weights
+        differs = new_lengths[:, None] | (known.detected & (share > _CHANGED_SHARE)).any(axis=1)
         unseen, changes = maybe_unseen(known), dict[int, FrameState]()
         for number, state in enumerate(frames):
-            evidence, at = known.frames(slice(number, number + 1)), first + number
-            self._lengths.revise(evidence)
-            new_lengths = self._lengths.have_changed(state.lengths_m)
-            changed = new_lengths | state.would_change(evidence, _CHANGED_SHARE)
-            changed = state.active & with_references(changed, unseen[number], self.skeleton)
-            state = state.weighted(evidence, changed)
-            lengths_m = self._lengths.learned.lengths_m if new_lengths else state.lengths_m
-            state = replace(state, filtered=filtered[number], lengths_m=lengths_m)
+            changed = state.active & with_references(differs[number], unseen[number], self.skeleton)
+            evidence = state.weighted(known, slice(number, number + 1), changed)
+            lengths_m = self._lengths.learned.lengths_m if new_lengths[number] else state.lengths_m
+            state = replace(state, evidence=evidence, filtered=filtered[number], lengths_m=lengths_m)
             if changed.any():
-                changes[at] = replace(state, active=changed)
-            self._window[at] = state
+                changes[first + number] = replace(state, active=changed)
+            self._window[first + number] = state
         return changes
 
     def _filtered(self, state: FrameState | None) -> Filtered:
