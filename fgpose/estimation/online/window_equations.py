@@ -18,7 +18,7 @@ from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.segment import Marginal, Predecessor, Segment
 from fgpose.estimation.solvers.block_tridiagonal import BlockTridiagonal
-from fgpose.estimation.solvers.forward_pass import Conditional, ForwardPass
+from fgpose.estimation.solvers.forward_pass import Conditional, ForwardPass, pose_of, unknowns_of
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations, position_blocks
 from fgpose.geometry.camera import CameraRig
@@ -83,6 +83,7 @@ class WindowEquations:
         self._eliminated: deque[_Eliminated] = deque()
         self._frames: deque[FrameState] = deque()
         self._poses: deque[Float[np.ndarray, "kind joint 3"]] = deque()  # of those
+        self._earlier_poses: list[Float[np.ndarray, " unknown"]] = []  # as far as they were read, the last one first
         self._marginal: Marginal | None = None  # of all frames before those
         self._solved: _Solved | None = None  # None where no joint is estimated
 
@@ -118,13 +119,19 @@ class WindowEquations:
 
     def read(self, state: FrameState) -> FrameState:
         """The state with the estimated values in place of the guesses."""
-        n_before = self._frames[0].at.frame - state.at.frame
-        pose = self._poses[max(-n_before, 0)]
-        for each in islice(reversed(self._eliminated), max(n_before, 0)):
-            pose = each.conditional.given(pose)
+        number = state.at.frame - self._frames[0].at.frame
+        pose = self._poses[number] if number >= 0 else self._earlier_pose(-number)
         is_active = state.active[:, None]
         velocities_mps = np.where(is_active, pose[1], 0.0) if len(pose) > 1 else np.zeros_like(pose[0])
         return replace(state, positions_m=np.where(is_active, pose[0], np.nan), velocities_mps=velocities_mps)
+
+    def _earlier_pose(self, n_before: int) -> Float[np.ndarray, "kind joint 3"]:
+        """Of a frame that is so many before those that are solved."""
+        known, n_kinds = self._earlier_poses, len(self._poses[0])
+        while len(known) < n_before:
+            next_pose = known[-1] if known else unknowns_of(self._poses[0])
+            known.append(self._eliminated[-1 - len(known)].conditional.given(next_pose))
+        return pose_of(known[n_before - 1], n_kinds)
 
     def covariances_m2(self, newest: FrameState) -> Float[np.ndarray, "active_joint 3 3"]:
         """Marginal covariance of each position of the newest frame."""
@@ -146,7 +153,8 @@ class WindowEquations:
         while changes and min(changes) < len(self._eliminated):
             again = self._eliminated.pop()
             self._frames.appendleft(again.state)
-            self._poses.appendleft(again.conditional.given(self._poses[0]))
+            pose = again.conditional.given(unknowns_of(self._poses[0]))
+            self._poses.appendleft(pose_of(pose, len(self._poses[0])))
             self._marginal = again.marginal
         for at, state in changes.items():
             number = at - len(self._eliminated)
@@ -163,7 +171,7 @@ class WindowEquations:
     def _solve(self, rig: CameraRig) -> None:
         self._rig = rig
         poses = np.stack(self._poses)
-        segment, self._solved = self._segment(poses[:, 0]), None
+        segment, self._solved, self._earlier_poses = self._segment(poses[:, 0]), None, []
         if segment.active.any():
             problem = NormalEquations(segment)
             search = Search(problem, problem.at(poses))
@@ -179,8 +187,9 @@ class WindowEquations:
     def _eliminate(self) -> None:
         """Of the frames that are solved, the first."""
         state, pose, marginal = self._frames.popleft(), self._poses.popleft(), self._marginal
+        self._earlier_poses = []
         if self._solved is None:
-            self._marginal, conditional = None, Conditional.of_nobody(pose)
+            self._marginal, conditional = None, Conditional.of_nobody(unknowns_of(pose))
         else:
             self._marginal, conditional = self._solved.forward.eliminate()
         self._eliminated.append(_Eliminated(state, marginal, conditional))

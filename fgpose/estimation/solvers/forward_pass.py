@@ -22,28 +22,26 @@ from fgpose.estimation.solvers.normal_equations import NormalEquations
 class Conditional:
     """A frame that has been eliminated, given the next one.
 
-    A pose has positions in m and, with constant velocity, velocities in m/s. Unknowns are ordered by joint, axis, kind;
-    those of joints that are not estimated do not count.
+    Unknowns are those of a pose, see unknowns_of; those of joints that are not estimated do not count.
     """
 
-    pose: Float[np.ndarray, "kind joint 3"]
+    pose: Float[np.ndarray, " unknown"]
     """If the next frame is at next_pose."""
-    next_pose: Float[np.ndarray, "kind joint 3"]
+    next_pose: Float[np.ndarray, " unknown"]
     gain: Float[np.ndarray, "unknown unknown"]
     """How the pose follows that of the next frame."""
     covariance: Float[np.ndarray, "unknown unknown"]
     """Given the next frame."""
 
     @staticmethod
-    def of_nobody(pose: Float[np.ndarray, "kind joint 3"]) -> Conditional:
+    def of_nobody(pose: Float[np.ndarray, " unknown"]) -> Conditional:
         """Nothing is estimated."""
         nothing = np.zeros((pose.size, pose.size))
         return Conditional(pose, pose, nothing, nothing)
 
-    def given(self, next_pose: Float[np.ndarray, "kind joint 3"]) -> Float[np.ndarray, "kind joint 3"]:
+    def given(self, next_pose: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
         """The pose, if this is that of the next frame."""
-        follows = self.gain @ _unknowns(next_pose - self.next_pose)
-        return self.pose + _of_kinds(follows, len(self.pose))
+        return self.pose + self.gain @ (next_pose - self.next_pose)
 
     def marginal(self, of_next: Float[np.ndarray, "unknown unknown"]) -> Float[np.ndarray, "unknown unknown"]:
         """The covariance, if this is that of the next frame."""
@@ -72,15 +70,15 @@ class ForwardPass:
         strength = np.repeat(motion.strength[t], 3)[:, None, None]
         coupling, precision = (_block_diagonal(strength * each[t]) for each in (motion.coupling, motion.precision))
         covariance = self._matrix.inverse_given_next(t)
-        gain, pull = -covariance @ coupling, _unknowns(self._gradients[t]) + self._pull
+        gain, pull = -covariance @ coupling, unknowns_of(self._gradients[t]) + self._pull
         information, self._pull = precision + coupling.T @ gain, gain.T @ pull
-        on_next = self._by_motion[t] + _of_kinds(self._pull, n_kinds)
-        moved, gradient = self._problem.of_joints(np.stack([_of_kinds(covariance @ pull, n_kinds), on_next]))
+        on_next = self._by_motion[t] + pose_of(self._pull, n_kinds)
+        moved, gradient = self._problem.of_joints(np.stack([pose_of(covariance @ pull, n_kinds), on_next]))
         pose, next_pose = self._poses[t] - moved, self._poses[t + 1]
         shape = 2 * (pose.shape[1], 3, n_kinds)
         marginal = Marginal(of_all((information + information.T) / 2).reshape(shape), gradient, next_pose)
         self._n_eliminated += 1
-        return marginal, Conditional(pose, next_pose, of_all(gain), of_all(covariance))
+        return marginal, Conditional(unknowns_of(pose), unknowns_of(next_pose), of_all(gain), of_all(covariance))
 
 
 def _block_diagonal(blocks: Float[np.ndarray, "axis kind kind"]) -> Float[np.ndarray, "unknown unknown"]:
@@ -90,9 +88,11 @@ def _block_diagonal(blocks: Float[np.ndarray, "axis kind kind"]) -> Float[np.nda
     return matrix.reshape(n_axes * n_kinds, n_axes * n_kinds)
 
 
-def _unknowns(pose: Float[np.ndarray, "kind joint 3"]) -> Float[np.ndarray, " unknown"]:
+def unknowns_of(pose: Float[np.ndarray, "kind joint 3"]) -> Float[np.ndarray, " unknown"]:
+    """Of positions in m and, with constant velocity, velocities in m/s: ordered by joint, axis, kind."""
     return pose.transpose(1, 2, 0).ravel()
 
 
-def _of_kinds(unknowns: Float[np.ndarray, " unknown"], n_kinds: int) -> Float[np.ndarray, "kind joint 3"]:
+def pose_of(unknowns: Float[np.ndarray, " unknown"], n_kinds: int) -> Float[np.ndarray, "kind joint 3"]:
+    """The inverse of unknowns_of."""
     return unknowns.reshape(-1, 3, n_kinds).transpose(2, 0, 1)
