@@ -135,7 +135,7 @@ def _digest(recording: Recording) -> str:
     """Of all that its solution depends on: the evidence, the cameras, the parameters and the code."""
     digest = hashlib.sha256(code_digest(Path(__file__).parent).encode())
     for part in parts_of(recording.n_frames):
-        for name, array in vars(recording.evidence_of(part)).items():
+        for name, array in recording.evidence_of(part).arrays.items():
             digest.update(f"{name} {array.shape} {array.dtype}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
     for camera in recording.rig.cameras:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -98,6 +99,11 @@ class Evidence:
     """Inverse covariance of held_m, 1/m^2; zero where there is none."""
 
     @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Its fields by name."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    @cached_property
     def detected(self) -> Bool[np.ndarray, "frame camera joint"]:
         """Where there is a detection."""
         return np.asarray(np.isfinite(self.undistorted_px).all(axis=-1))
@@ -112,13 +118,13 @@ class Evidence:
         """As visibility, if any camera sees the joint; NaN where there is no detection."""
         return np.where(self.detected, self.visibility * self.credible[:, None], np.nan)
 
-    @property
+    @cached_property
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether the detections of at least two cameras are probably of the joint: one ray alone does not determine a
         position."""
         return np.sum(self.detection_visibility > PROBABLE, axis=1) >= 2
 
-    @property
+    @cached_property
     def believed(self) -> Bool[np.ndarray, "frame camera joint"]:
         """Where a detection is probably of its joint."""
         return self.detected & (self.visibility > PROBABLE)
@@ -160,12 +166,12 @@ class Evidence:
         """Weights of the detections of a joint, summed over the cameras."""
         return np.where(self.detected, self.weights, 0.0).sum(axis=1)
 
-    @property
+    @cached_property
     def unseen(self) -> Float[np.ndarray, "frame joint"]:
         """Probability that no camera sees the joint: it has no detection, or all of them are hallucinated."""
         return np.prod(np.where(self.detected, 1 - self.visibility, 1.0), axis=1)
 
-    @property
+    @cached_property
     def seen(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether some camera probably sees the joint."""
         return self.unseen < PROBABLE
@@ -295,7 +301,7 @@ class Evidence:
                 name: np.broadcast_to(array[0], (n_frames, *array.shape[1:]))
                 if is_same_in_all_frames(array)
                 else array[frames]
-                for name, array in vars(self).items()
+                for name, array in self.arrays.items()
             }
         )
 
@@ -311,4 +317,4 @@ def concatenated(parts: Sequence[Evidence]) -> Evidence:
         return parts[0]
     most = max(part.depth_sigma_m.shape[1] for part in parts)
     parts = [part if part.depth_sigma_m.shape[1] == most else part._with_views(most) for part in parts]
-    return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].arrays})

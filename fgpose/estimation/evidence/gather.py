@@ -105,7 +105,7 @@ def without(
     if frames.all():
         return nothing
     values = {}
-    for name, array in vars(evidence).items():
+    for name, array in evidence.arrays.items():
         values[name] = array
         if not is_same_in_all_frames(array):
             values[name] = array.copy()
@@ -139,7 +139,7 @@ def _in_parts(
     whole: dict[str, np.ndarray] = {}
     for part in parts_of(observations.n_frames, FRAMES_AT_ONCE):
         evidence, triangulated_m = without_depths(observations.frames(part), rig, config, credible[part])
-        for name, values in (vars(evidence) | {"triangulated_m": triangulated_m}).items():
+        for name, values in (evidence.arrays | {"triangulated_m": triangulated_m}).items():
             if name not in whole:
                 whole[name] = _of_all_frames(values, observations.n_frames)
             if whole[name].flags.writeable:

@@ -39,7 +39,7 @@ def test_evidence_of_some_frames(seen: Observations, walking_scene: Scene, frame
     np.testing.assert_array_equal(parts.guess_m, whole.guess_m)
     np.testing.assert_array_equal(parts.present(COAST_S), whole.present(COAST_S))
     some = parts.frames(frames)
-    for name, expected in vars(whole.frames(frames)).items():
+    for name, expected in whole.frames(frames).arrays.items():
         # Parts of other lengths are summed in another order.
         np.testing.assert_allclose(getattr(some, name), expected, rtol=1e-9, atol=1e-9, err_msg=name)
 
