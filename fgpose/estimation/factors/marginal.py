@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -39,6 +40,10 @@ class Marginals:
     def add_information(self, information: Information, state: BatchState) -> None:
         information.frames[0] += self.information
 
+    @cached_property
+    def _matrix(self) -> Float[np.ndarray, "unknown unknown"]:
+        return self.information.reshape(self.around.size, self.around.size)
+
     def _pull(self, off: Float[np.ndarray, "kind slot 3"]) -> Float[np.ndarray, "kind slot 3"]:
-        pull = self.information.reshape(off.size, off.size) @ off.transpose(1, 2, 0).ravel()
+        pull = self._matrix @ off.transpose(1, 2, 0).ravel()
         return pull.reshape(*off.shape[1:], -1).transpose(2, 0, 1)

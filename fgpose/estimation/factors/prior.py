@@ -57,13 +57,17 @@ class Priors:
             gradient.joints[:, kind] += precision * residual
 
     def add_information(self, information: Information, state: BatchState) -> None:
-        for kind, (precision, _) in enumerate(self._residuals(state)):
+        for kind, precision in enumerate(self._precisions):
             information.single_axes[:, kind, kind] += precision
 
     def _residuals(self, state: BatchState) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Precision and residual of the positions, then of the velocities."""
-        for kind, (sigma, mean) in enumerate(zip(self.sigmas, (self.positions_m, 0.0), strict=False)):
-            yield (self.entering / sigma**2 + self.absent)[..., None], state.joints[:, kind] - mean
+        for kind, (precision, mean) in enumerate(zip(self._precisions, (self.positions_m, 0.0), strict=False)):
+            yield precision, state.joints[:, kind] - mean
+
+    @cached_property
+    def _precisions(self) -> list[Float[np.ndarray, "frame slot 1"]]:
+        return [(self.entering / sigma**2 + self.absent)[..., None] for sigma in self.sigmas]
 
 
 @dataclass(frozen=True, eq=False)

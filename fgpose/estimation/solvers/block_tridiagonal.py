@@ -51,6 +51,12 @@ def _inverse_from(factor: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "
 
 
 @cache
+def _below_block(size: int, n_kinds: int) -> Bool[np.ndarray, "size row"]:
+    """Where the columns of a frame (see Band) go on below its block."""
+    return np.arange(size)[:, None] + np.arange(size + n_kinds) >= size
+
+
+@cache
 def _below_diagonal(size: int) -> Bool[np.ndarray, "size size"]:
     return np.tri(size, k=-1, dtype=bool)
 
@@ -72,13 +78,12 @@ class Band:
         """A view of the frames' blocks. What is written above their diagonals ends in rows that couple fills anew."""
         frame, column, row = self.columns.strides
         shape, strides = (len(self.columns), self.size, self.size), (frame, row, column - row)
-        return np.lib.stride_tricks.as_strided(self.columns, shape, strides)
+        return np.ndarray(shape, float, self.columns, strides=strides)  # as_strided takes ten times as long
 
     def couple(self, coupling: Float[np.ndarray, "step unknown kind kind"]) -> None:
         """Set what is between each frame and the next, by kind: row of the earlier frame, column of the later one."""
         size, kinds = self.size, self._n_kinds
-        for column in range(size):
-            self.columns[:, column, size - column :] = 0.0
+        np.copyto(self.columns, 0.0, where=_below_block(size, kinds))
         by_kind = self.columns.reshape(len(self.columns), -1, kinds, size + kinds)
         for kind in range(kinds):
             by_kind[:-1, :, kind, size - kind : size - kind + kinds] = coupling[:, :, kind]

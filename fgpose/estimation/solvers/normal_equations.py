@@ -6,6 +6,7 @@ every factor separately, which takes several times as long for a graph as regula
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -291,5 +292,5 @@ def _of_all_joints(of_slots: np.ndarray, segment: Segment) -> np.ndarray:
 
 def _split(vector: Float[np.ndarray, " unknown"], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """The parts of a vector of all unknowns: of the joints, in this shape (frame kind joint 3), and of the lengths."""
-    size = int(np.prod(shape))
+    size = math.prod(shape)
     return vector[:size].reshape(shape), vector[size:]
