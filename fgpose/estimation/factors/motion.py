@@ -81,16 +81,18 @@ class Motions:
         return -np.swapaxes(self.transition, 1, 2) @ self.precision
 
     def error(self, state: BatchState) -> float:
-        unpredicted = self._unpredicted(state)
-        return 0.5 * float(np.sum(unpredicted * self._weighted(self.precision, unpredicted)))
+        unpredicted, pull = self._at(state)
+        return 0.5 * float(np.sum(unpredicted * pull))
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
-        gradient.joints[1:] += self.pull_on_later(state)
-        gradient.joints[:-1] += self._weighted(self.coupling, self._unpredicted(state))
+        unpredicted, pull = self._at(state)
+        gradient.joints[1:] += pull
+        gradient.joints[:-1] += self._weighted(self.coupling, unpredicted)
 
     def pull_on_later(self, state: BatchState) -> Float[np.ndarray, "step kind slot 3"]:
         """The gradient by the later frame of each step."""
-        return self._weighted(self.precision, self._unpredicted(state))
+        _, pull = self._at(state)
+        return pull
 
     def add_information(self, information: Information, state: BatchState) -> None:
         """The blocks within frames; those between frames are the coupling."""
@@ -99,9 +101,15 @@ class Motions:
         information.single_axes[1:] += strength * self.precision[..., None, None]
         information.single_axes[:-1] += strength * earlier[..., None, None]
 
-    def _unpredicted(self, state: BatchState) -> Float[np.ndarray, "step kind slot 3"]:
-        """The residual, x_{t+1} - F_t x_t."""
-        return state.evaluated(self, lambda state: state.joints[1:] - _by_kind(self.transition, state.joints[:-1]))
+    def _at(self, state: BatchState) -> tuple[np.ndarray, np.ndarray]:
+        """The residual, x_{t+1} - F_t x_t, and its pull on the later frame."""
+        return state.evaluated(self, self._evaluated)
+
+    def _evaluated(
+        self, state: BatchState
+    ) -> tuple[Float[np.ndarray, "step kind slot 3"], Float[np.ndarray, "step kind slot 3"]]:
+        unpredicted = state.joints[1:] - _by_kind(self.transition, state.joints[:-1])
+        return unpredicted, self._weighted(self.precision, unpredicted)
 
     def _weighted(self, matrices: np.ndarray, unpredicted: np.ndarray) -> Float[np.ndarray, "step kind slot 3"]:
         return self.strength[:, None, :, None] * _by_kind(matrices, unpredicted)

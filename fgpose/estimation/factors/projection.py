@@ -19,6 +19,9 @@ from fgpose_factors import Kernel, noise_model, project, projection_factor, robu
 
 # Making a noise model costs as much as making a factor: sigmas that agree to a thousandth share one.
 _SIGMAS_PER_E_FOLD = 1000
+_Projected = tuple[
+    Float[np.ndarray, "camera 2 point"], Float[np.ndarray, "camera 2 3 point"], Float[np.ndarray, "camera point"]
+]
 
 
 @lru_cache(maxsize=4096)
@@ -72,25 +75,27 @@ class Projections:
                 yield projection_factor(keys.position(frame, slot), measured_px[frame, slot], noise, camera.gtsam)
 
     def error(self, state: BatchState) -> float:
-        residual_px, _ = self._at(state)
-        return float(robust_loss(self._squared(residual_px), self.kernel, self.kernel_scale).sum())
+        _, _, squared = self._at(state)
+        return float(robust_loss(squared, self.kernel, self.kernel_scale).sum())
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
-        residual_px, jacobian = self._at(state)
-        pull = (self._precision * self._weight(residual_px))[:, None] * residual_px
+        residual_px, jacobian, squared = self._at(state)
+        pull = (self._precision * self._weight(squared))[:, None] * residual_px
         gradient.joints[:, 0] += self._by_frame(np.einsum("cian,cin->an", jacobian, pull))
 
     def add_information(self, information: Information, state: BatchState) -> None:
-        information.single_positions[:] += self._information(*self._at(state))
+        _, jacobian, squared = self._at(state)
+        information.single_positions[:] += self._information(jacobian, squared)
 
     def information(self, positions_m: Float[np.ndarray, "frame slot 3"]) -> Float[np.ndarray, "frame slot 3 3"]:
         """On each position, 1/m^2."""
-        return self._information(*self._projected(positions_m))
+        _, jacobian, squared = self._projected(positions_m)
+        return self._information(jacobian, squared)
 
     def _information(
-        self, residual_px: Float[np.ndarray, "camera 2 point"], jacobian: Float[np.ndarray, "camera 2 3 point"]
+        self, jacobian: Float[np.ndarray, "camera 2 3 point"], squared: Float[np.ndarray, "camera point"]
     ) -> Float[np.ndarray, "frame slot 3 3"]:
-        weighted = (self._precision * self._weight(residual_px))[:, None, None] * jacobian
+        weighted = (self._precision * self._weight(squared))[:, None, None] * jacobian
         return self._by_frame(np.einsum("cian,cibn->abn", weighted, jacobian))
 
     def whitened(
@@ -101,9 +106,9 @@ class Projections:
         Float[np.ndarray, "frame camera slot"],
     ]:
         """Residuals and Jacobians in standard deviations of their detections, and weights of the kernel."""
-        residual_px, jacobian = self._projected(positions_m)
+        residual_px, jacobian, squared = self._projected(positions_m)
         root = np.sqrt(self._precision)
-        arrays = root[:, None] * residual_px, root[:, None, None] * jacobian, self._weight(residual_px)
+        arrays = root[:, None] * residual_px, root[:, None, None] * jacobian, self._weight(squared)
         residual, whitened, weight = (self._by_frame(array).swapaxes(1, 2) for array in arrays)
         return residual, whitened, weight
 
@@ -121,22 +126,15 @@ class Projections:
             *self.measured_px.shape[::2], *of_points.shape[:-1]
         )
 
-    def _squared(self, residual_px: Float[np.ndarray, "camera 2 point"]) -> Float[np.ndarray, "camera point"]:
-        return self._precision * np.sum(residual_px**2, axis=1)
+    def _weight(self, squared: Float[np.ndarray, "camera point"]) -> Float[np.ndarray, "camera point"]:
+        return robust_weight(squared, self.kernel, self.kernel_scale)
 
-    def _weight(self, residual_px: Float[np.ndarray, "camera 2 point"]) -> Float[np.ndarray, "camera point"]:
-        return robust_weight(self._squared(residual_px), self.kernel, self.kernel_scale)
-
-    def _at(
-        self, state: BatchState
-    ) -> tuple[Float[np.ndarray, "camera 2 point"], Float[np.ndarray, "camera 2 3 point"]]:
+    def _at(self, state: BatchState) -> _Projected:
         return state.evaluated(self, lambda state: self._projected(state.joints[:, 0]))
 
-    def _projected(
-        self, positions_m: Float[np.ndarray, "frame slot 3"]
-    ) -> tuple[Float[np.ndarray, "camera 2 point"], Float[np.ndarray, "camera 2 3 point"]]:
-        """Residual and its Jacobian; at or behind the camera, as in GTSAM, twice the focal length and a zero
-        Jacobian."""
+    def _projected(self, positions_m: Float[np.ndarray, "frame slot 3"]) -> _Projected:
+        """Residual, its Jacobian, and its square in standard deviations; at or behind the camera, as in GTSAM, twice
+        the focal length and a zero Jacobian."""
         projected_px, jacobian = project(positions_m.reshape(-1, 3), self.rig.camera_T_world, self.rig.K)
         residual_px = projected_px - self._measured_px
         behind = np.isnan(residual_px[:, 0])
@@ -144,7 +142,7 @@ class Projections:
             camera, point = np.nonzero(behind)
             residual_px[camera, :, point] = 2 * self.rig.K[camera, 0, 0, None]
             jacobian[camera, :, :, point] = 0.0
-        return residual_px, jacobian
+        return residual_px, jacobian, self._precision * np.sum(residual_px**2, axis=1)
 
 
 def detection_information(
