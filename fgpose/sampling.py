@@ -6,6 +6,7 @@ import warnings
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,7 @@ class Pace:
     @property
     def usual_step_s(self) -> float:
         """Usual time from one image of a camera to its next; 0 until a camera has given two."""
-        return float(np.median(self._last_s)) if self._last_s else 0.0
+        return float(median(self._last_s)) if self._last_s else 0.0
 
     def add(self, step_s: float) -> None:
         """Take the time from one image of a camera to its next.

@@ -244,6 +244,11 @@ class Skeleton:
         return tuple((limb, self.mirrored(limb)) for limb in self.limbs)
 
     @cached_property
+    def bone_ends(self) -> Int[np.ndarray, "end bone"]:
+        """The joints at the start of every bone, and at its end."""
+        return np.array(self.bones, dtype=int).reshape(-1, 2).T
+
+    @cached_property
     def length_of_bone(self) -> tuple[int, ...]:
         """For each bone, the index of its length: mirrored bones share one, so there are fewer lengths than bones."""
         numbers: dict[frozenset[frozenset[int]], int] = {}
@@ -273,7 +278,7 @@ class Skeleton:
 
     def bone_lengths(self, positions_m: Float[np.ndarray, "*frames joint 3"]) -> Float[np.ndarray, "*frames bone"]:
         """Length in metres of every bone, NaN where one of its joints is NaN."""
-        start, end = np.array(self.bones, dtype=int).reshape(-1, 2).T
+        start, end = self.bone_ends
         return np.linalg.norm(positions_m[..., end, :] - positions_m[..., start, :], axis=-1)
 
 

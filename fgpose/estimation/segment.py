@@ -142,7 +142,7 @@ class Segment:
         """Start, end and length of every bone that is complete in some frame and has a first guess of its length."""
         if self.config.symmetry.form != "shared_length":
             return np.zeros((3, 0), dtype=int)
-        start, end = np.array(self.skeleton.bones, dtype=int).reshape(-1, 2).T
+        start, end = self.skeleton.bone_ends
         length = np.array(self.skeleton.length_of_bone, dtype=int)
         complete = (self.active[:, start] & self.active[:, end]).any(axis=0)
         return np.stack([start, end, length])[:, complete & np.isfinite(self.lengths_m[length])]

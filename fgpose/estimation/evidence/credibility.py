@@ -32,10 +32,11 @@ _MEMORY_FRAMES = 500.0
 
 def usual_confidence(confidence: Float[np.ndarray, "*detections"]) -> float:
     """Of these detections, 0 where there is none; NaN if there is none at all."""
-    known = confidence[confidence > 0]
+    known = np.sort(confidence[confidence > 0])
     if not known.size:
         return np.nan
-    usual, highest = np.quantile(known, (_USUAL_QUANTILE, _HIGHEST_QUANTILE))
+    # numpy.quantile takes five times as long for one frame.
+    usual, highest = np.interp((_USUAL_QUANTILE, _HIGHEST_QUANTILE), np.linspace(0.0, 1.0, known.size), known)
     return float(max(usual, _SHARE_OF_HIGHEST * highest))
 
 

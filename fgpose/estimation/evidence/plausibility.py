@@ -108,9 +108,8 @@ def known_medians(values: Float[np.ndarray, "set joint value"]) -> Float[np.ndar
     """Over the joints; NaN where fewer than two are known. numpy.nanmedian takes ten times as long."""
     known = np.asarray(np.isfinite(values).all(axis=-1))
     ordered, n_known = np.sort(np.where(known[..., None], values, np.inf), axis=1), known.sum(axis=1)
-    of_frame = np.arange(len(values))
-    median = (ordered[of_frame, np.maximum(n_known - 1, 0) // 2] + ordered[of_frame, n_known // 2]) / 2
-    return np.where(n_known[:, None] > 1, median, np.nan)
+    below, above = ordered[np.arange(len(values)), [(n_known - 1) // 2, n_known // 2]]
+    return np.where(n_known[:, None] > 1, (below + above) / 2, np.nan)
 
 
 def beyond_reach(

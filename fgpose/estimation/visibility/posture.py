@@ -92,7 +92,7 @@ def bone_directions(
     positions_m: Float[np.ndarray, "*frames joint 3"], skeleton: Skeleton
 ) -> tuple[Float[np.ndarray, "*frames bone 3"], Float[np.ndarray, "*frames bone"]]:
     """Unit vectors from the start of each bone to its end, and its length; NaN where it has none."""
-    start, end = np.array(skeleton.bones, dtype=int).reshape(-1, 2).T
+    start, end = skeleton.bone_ends
     bone_m = positions_m[..., end, :] - positions_m[..., start, :]
     length_m = np.linalg.norm(bone_m, axis=-1)
     length_m = np.where(length_m > 0, length_m, np.nan)
