@@ -186,7 +186,8 @@ class DetectionResiduals:
         (x, y), (others_x, others_y) = self.undistorted_px.transpose(3, 0, 1, 2), projected_px.transpose(3, 0, 1, 2)
         distance_px2 = (x[..., None] - others_x[:, :, None]) ** 2 + (y[..., None] - others_y[:, :, None]) ** 2
         # Both the detection and the projection err.
-        density = np.nan_to_num(np.exp(distance_px2 / (-4 * spread_px[..., None] ** 2)))
+        density = np.exp(distance_px2 / (-4 * spread_px[..., None] ** 2))
+        np.copyto(density, 0.0, where=np.isnan(density))
         density = np.einsum("tcjk,jk->tcj", density, _share_of_others(skeleton))
         return np.log(np.maximum(density, np.finfo(float).tiny)) - np.log(2 * spread_px**2)
 
@@ -305,15 +306,13 @@ def _log_density(
     radial: Callable[[np.ndarray], np.ndarray],
 ) -> Float[np.ndarray, "*points"]:
     """Of an elliptical distribution."""
-    covariance_px2 = covariance_px2 + (scale_px**2)[..., None, None] * np.eye(2)
-    whitened = np.einsum("...ik,...k->...i", _inverse(covariance_px2), residual_px)
+    x, y, variance_px2 = residual_px[..., 0], residual_px[..., 1], scale_px**2
+    xx, yy = covariance_px2[..., 0, 0] + variance_px2, covariance_px2[..., 1, 1] + variance_px2
+    xy = covariance_px2[..., 0, 1]
+    determinant = xx * yy - xy * xy
     # Rounding errors next to a camera may give less than is possible.
-    squared = np.maximum(np.einsum("...i,...i->...", residual_px, whitened), 0.0)
-    return radial(squared) - 0.5 * np.log(np.maximum(_determinant(covariance_px2), scale_px**4))
-
-
-def _determinant(matrices: Float[np.ndarray, "*shape 2 2"]) -> Float[np.ndarray, "*shape"]:
-    return matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0]
+    squared = np.maximum((yy * x * x - 2 * xy * x * y + xx * y * y) / determinant, 0.0)
+    return radial(squared) - 0.5 * np.log(np.maximum(determinant, variance_px2**2))
 
 
 def _inverse(matrices: Float[np.ndarray, "*shape 2 2"]) -> Float[np.ndarray, "*shape 2 2"]:
@@ -321,4 +320,5 @@ def _inverse(matrices: Float[np.ndarray, "*shape 2 2"]) -> Float[np.ndarray, "*s
     adjugate = np.empty_like(matrices)
     adjugate[..., 0, 0], adjugate[..., 1, 1] = matrices[..., 1, 1], matrices[..., 0, 0]
     adjugate[..., 0, 1], adjugate[..., 1, 0] = -matrices[..., 0, 1], -matrices[..., 1, 0]
-    return adjugate / _determinant(matrices)[..., None, None]
+    determinant = matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0]
+    return adjugate / determinant[..., None, None]
