@@ -3,7 +3,6 @@ widened for what the graph does not model."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -192,7 +191,8 @@ def _neighbours(skeleton: Skeleton) -> Float[np.ndarray, "joint joint"]:
 
 def _probable_weight(state: FrameState) -> Float[np.ndarray, " joint"]:
     """As Evidence.total_weight, of the detections that are of their joint."""
-    return replace(state.gathered, weights=state.gathered.weights * state.evidence.visibility).total_weight[0]
+    probable = state.gathered.weights * state.evidence.visibility
+    return np.where(state.gathered.detected, probable, 0.0)[0].sum(axis=0)
 
 
 def _frame_information(state: FrameState, rig: CameraRig, config: Config) -> Float[np.ndarray, "active_joint 3 3"]:

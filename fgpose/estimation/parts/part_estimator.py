@@ -297,7 +297,7 @@ class PartEstimator:
 
     def _learn_smoothed(self, oldest: FrameState) -> None:
         """From a frame that is one lag old."""
-        self._visibility.marginalise(oldest.as_gathered, oldest.positions_m, oldest.velocities_mps, self._rig)
+        self._visibility.marginalise(oldest, self._rig)
         information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
         self._estimates.learn(oldest, self._rig)
         self._prediction.learn(oldest, information)

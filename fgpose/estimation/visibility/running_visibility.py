@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import Bias, RunningBias
 from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.noise import LEARNED_EVERY_S
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, lengths_m
@@ -146,19 +147,13 @@ class RunningVisibility:
         seen, priors = residuals.of_seen, self._config.visibility
         return with_visibility(evidence, *seen, self._spread_m, probability, step_s[:, None, None], priors), filtered
 
-    def marginalise(
-        self,
-        oldest: Evidence,
-        positions_m: Float[np.ndarray, "joint 3"],
-        velocities_mps: Float[np.ndarray, "joint 3"],
-        rig: CameraRig,
-    ) -> None:
+    def marginalise(self, state: FrameState, rig: CameraRig) -> None:
         """The oldest frame leaves the window. Take the next one, as it was judged last, with its weights as gathered:
         biases, and how long joints stay visible or hidden, are learned from it, if it tells anything new."""
         before = self._oldest
-        if not self._on or (before is not None and oldest.time_s[0] - before.time_s[0] < LEARNED_EVERY_S):
+        if not self._on or (before is not None and state.at.time_s - before.time_s[0] < LEARNED_EVERY_S):
             return
-        self._oldest = oldest
+        self._oldest = oldest = state.as_gathered
         if before is None:
             return
         step_s, detected = oldest.time_s - before.time_s, np.concatenate([before.detected, oldest.detected])
@@ -167,8 +162,8 @@ class RunningVisibility:
         self._stays = self._stays.then(stays, float(step_s[0]))
         self._chain = Chain(self._config.visibility, self._stays)
         if self._config.visibility.bias == "constant":
-            moved_m = within_timing_m(np.linalg.norm(velocities_mps, axis=-1))
-            sums = residual_sums(oldest, oldest.visibility, step_s, positions_m[None], moved_m[None], rig)
+            moved_m = within_timing_m(np.linalg.norm(state.velocities_mps, axis=-1))
+            sums = residual_sums(oldest, oldest.visibility, step_s, state.positions_m[None], moved_m[None], rig)
             self._bias.add(sums, float(step_s[0]), self._spread_m)
 
     def _log_odds(

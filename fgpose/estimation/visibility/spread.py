@@ -9,7 +9,7 @@ the path, but holds the errors of the other views: of two cameras that face each
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -112,10 +112,10 @@ def spread_m(
     return np.array([learned(tells & of_camera, of_all_m, PRIOR_MEASUREMENTS_OF_CAMERA) for of_camera in cameras])
 
 
-def with_spread(
+def graph_sigma_px(
     evidence: Evidence, spread_m: Float[np.ndarray, "*#frame camera"], px_per_m: Float[np.ndarray, "frame camera joint"]
-) -> Evidence:
-    """The evidence with the standard deviations that the graph should take for detections of visible joints.
+) -> Float[np.ndarray, "frame camera joint"]:
+    """The standard deviations that the graph should take for detections of visible joints.
 
     Args:
         evidence: keeps its own where the scale is not known.
@@ -123,11 +123,11 @@ def with_spread(
         px_per_m: scale of the image at the joint; NaN where it is not known.
     """
     sigma_px = CORRELATED_FACTOR * spread_m[..., None] * px_per_m
-    return replace(evidence, sigma_px=np.where(np.isfinite(sigma_px), sigma_px, evidence.sigma_px))
+    return np.where(np.isfinite(sigma_px), sigma_px, evidence.sigma_px)
 
 
 def spread_m_of(evidence: Evidence, px_per_m: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:
-    """The spread of each camera from which with_spread made the standard deviations, root mean square over time; inf
+    """The spread of each camera from which graph_sigma_px made the standard deviations, root mean square over time; inf
     where it has no detection."""
     spread_m = evidence.sigma_px / (CORRELATED_FACTOR * px_per_m)
     told = evidence.detected & np.isfinite(spread_m)

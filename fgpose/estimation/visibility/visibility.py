@@ -20,7 +20,7 @@ from fgpose.estimation.evidence.evidence import PROBABLE, Evidence
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.visibility.agreement import Agreement
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, hidden_information
-from fgpose.estimation.visibility.spread import spread_m_of, with_spread
+from fgpose.estimation.visibility.spread import graph_sigma_px, spread_m_of
 from fgpose.estimation.visibility.visibility_chain import Chain, Stays
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import usual_step_s
@@ -101,7 +101,7 @@ def with_visibility(
 ) -> Evidence:
     """The evidence with this probability of visible, and the standard deviations and weights that follow from it."""
     hidden = hidden_information(length_m, spread_m, config)
-    known = replace(with_spread(evidence, spread_m, px_per_m), visibility=probability)
+    known = replace(evidence, sigma_px=graph_sigma_px(evidence, spread_m, px_per_m), visibility=probability)
     return known.trusted(_share(probability * evidence.credible[:, None], evidence.weights, hidden, step_s))
 
 

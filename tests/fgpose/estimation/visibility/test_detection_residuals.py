@@ -14,7 +14,7 @@ from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.visibility.agreement import Agreement
 from fgpose.estimation.visibility.detection_residuals import _PREDICTED_M, DetectionResiduals
-from fgpose.estimation.visibility.spread import with_spread
+from fgpose.estimation.visibility.spread import graph_sigma_px
 from fgpose.estimation.visibility.visibility_chain import Chain
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
@@ -271,7 +271,7 @@ def test_nothing_is_said_where_nothing_is_seen(rig: CameraRig, skeleton: Skeleto
     for name, array in {
         **of_residuals,
         "odds": odds,
-        "sigma": with_spread(evidence, SPREAD_M, rig.px_per_m(positions_m)).sigma_px,
+        "sigma": graph_sigma_px(evidence, SPREAD_M, rig.px_per_m(positions_m)),
     }.items():
         assert np.isfinite(array).all(), name
     assert np.isfinite(residuals.spread_m(PRIOR_M, INDEPENDENT)).all()
