@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -76,16 +77,16 @@ class FrameState:
         evidence = replace(self.evidence, visibility=visibility[None])
         return replace(self, evidence=evidence, filtered=visibility)
 
-    @property
+    @cached_property
     def joints(self) -> list[int]:
         """The joints that are estimated."""
         return np.flatnonzero(self.active).tolist()
 
-    @property
+    @cached_property
     def position_keys(self) -> list[int]:
         return [position_key(joint, self.at.frame) for joint in self.joints]
 
-    @property
+    @cached_property
     def velocity_keys(self) -> list[int]:
         return [velocity_key(joint, self.at.frame) for joint in self.joints]
 
