@@ -17,7 +17,7 @@ from fgpose.estimation.evidence.image_checks.flips import correct_flips
 from fgpose.estimation.evidence.image_checks.followed import FollowedViews, views_gone_over
 from fgpose.estimation.evidence.image_checks.on_other_side import RunningOtherSide, on_other_side
 from fgpose.estimation.evidence.image_checks.running_flips import RunningFlips
-from fgpose.estimation.evidence.image_checks.sides import with_sides_exchanged
+from fgpose.estimation.evidence.image_checks.sides import limbs, with_sides_exchanged
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -74,10 +74,12 @@ class ImageChecks:
         new, time_s, body = images.without(repeated), float(images.frame_time_s[0]), list(images.skeleton.body)
         of_body_m, of_all_m = expected_m(time_s), np.full((images.skeleton.n_joints, 3), np.nan)
         of_all_m[body] = of_body_m
-        flipped, flips = self.flips.after(new, of_all_m, rig)
+        of_limbs = limbs(new, rig)
+        flipped, flips = self.flips.after(new, of_limbs, of_all_m, rig)
         if flipped.any():
             new = with_sides_exchanged(new, flipped[None])
-        on_other, other_side = self.other_side.after(new, of_all_m, rig)
+            of_limbs = limbs(new, rig)
+        on_other, other_side = self.other_side.after(new, of_limbs, of_all_m, rig)
         new = new.without(on_other[None])
         of_body_px = rig.undistort(new.points2d_px[0][:, body])
         followed = self.followed.after(of_body_px, time_s, of_body_m, rig)

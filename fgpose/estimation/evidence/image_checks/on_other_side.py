@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.estimation.evidence.image_checks.flip_model import INLIER_PX, metres_per_px
-from fgpose.estimation.evidence.image_checks.sides import Sides, can_tell, limb_joints, limbs, of_limb, sides_of
+from fgpose.estimation.evidence.image_checks.sides import Limbs, Sides, can_tell, limb_joints, limbs, of_limb, sides_of
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.observations import Observations
@@ -67,12 +67,13 @@ class RunningOtherSide:
         return RunningOtherSide(np.zeros(shape[:2], dtype=int), np.zeros(shape, dtype=int), np.zeros(shape, dtype=bool))
 
     def after(
-        self, images: Observations, expected_m: Float[np.ndarray, "joint 3"], rig: CameraRig
+        self, images: Observations, of_limbs: Limbs, expected_m: Float[np.ndarray, "joint 3"], rig: CameraRig
     ) -> tuple[Bool[np.ndarray, "camera joint"], RunningOtherSide]:
         """The same of the next images, and what is known after them.
 
         Args:
             images: of one frame; those that come one by one are not judged.
+            of_limbs: what they show of the limbs; see limbs.
             expected_m: where the joints are expected, world frame; NaN where that is not known. Joints that all
                 cameras detect where they are expected are not judged.
             rig: the cameras.
@@ -81,7 +82,7 @@ class RunningOtherSide:
         if not can_tell(images.skeleton, rig, _FEWEST) or images.seen[0].any(axis=-1).sum() < _FEWEST:
             return found[0], self
         all_limbs, limbs_m = _limbs_of(images.skeleton), expected_m[limb_joints(images.skeleton)].reshape(-1, 3)
-        points_px, weights = limbs(images, rig)
+        points_px, weights = of_limbs
         known = np.isfinite(limbs_m).all(axis=-1)
         if known.any():
             m_per_px = 1.0 / rig.px_per_m(limbs_m[known].mean(axis=0, keepdims=True)).T

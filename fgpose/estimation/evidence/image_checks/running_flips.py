@@ -17,12 +17,12 @@ from fgpose.estimation.evidence.image_checks.flip_model import (
 )
 from fgpose.estimation.evidence.image_checks.flips import SURE, TWO, confirmed, suspicious_sides
 from fgpose.estimation.evidence.image_checks.sides import (
+    Limbs,
     Sides,
     can_tell,
     exchanged,
     exchanged_joints,
     limb_joints,
-    limbs,
     sides_of,
 )
 from fgpose.geometry.camera import CameraRig
@@ -45,13 +45,14 @@ class RunningFlips:
         return RunningFlips(tuple(_OfSides.none(n_cameras, sides) for sides in sides_of(skeleton)))
 
     def after(
-        self, images: Observations, expected_m: Float[np.ndarray, "joint 3"], rig: CameraRig
+        self, images: Observations, of_limbs: Limbs, expected_m: Float[np.ndarray, "joint 3"], rig: CameraRig
     ) -> tuple[Bool[np.ndarray, "camera joint"], RunningFlips]:
         """Which joints of the next images are exchanged with those of the other side, and what those after them are
         compared with.
 
         Args:
             images: of one frame.
+            of_limbs: what they show of the limbs; see limbs.
             expected_m: where the joints are expected; NaN where that is not known.
             rig: the cameras.
         """
@@ -59,7 +60,7 @@ class RunningFlips:
             return np.zeros((rig.n_cameras, images.skeleton.n_joints), dtype=bool), self
         flipped = np.zeros((rig.n_cameras, len(self._of_sides)), dtype=bool)
         time_s, of_sides = float(images.frame_time_s[0]), list[_OfSides]()
-        points_px, weights = limbs(images, rig)
+        points_px, weights = (array.copy() for array in of_limbs)
         limbs_m = expected_m[limb_joints(images.skeleton)]
         (of_cameras,) = suspicious_sides(points_px, limbs_m[None], rig, sides_of(images.skeleton))
         suspicious = np.asarray(of_cameras.any(axis=0))

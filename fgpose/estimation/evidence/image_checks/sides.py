@@ -12,6 +12,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
+Limbs = tuple[Float[np.ndarray, "frame camera pair side 2"], Float[np.ndarray, "frame camera pair side"]]
+
 
 @dataclass(frozen=True, eq=False)
 class Sides:
@@ -73,9 +75,7 @@ def can_tell(skeleton: Skeleton, rig: CameraRig, n_cameras: int) -> bool:
     return rig.n_cameras >= n_cameras and len(limb_joints(skeleton)) > 0
 
 
-def limbs(
-    observations: Observations, rig: CameraRig
-) -> tuple[Float[np.ndarray, "frame camera pair side 2"], Float[np.ndarray, "frame camera pair side"]]:
+def limbs(observations: Observations, rig: CameraRig) -> Limbs:
     """The undistorted detections of the limbs (see limb_joints), and their weights: the confidence, as a share of what
     is usual; zero where there is none."""
     pairs = limb_joints(observations.skeleton)

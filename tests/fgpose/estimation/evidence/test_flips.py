@@ -11,7 +11,7 @@ import fgpose
 from fgpose.estimation.evidence.image_checks.flip_model import log_change, log_prior
 from fgpose.estimation.evidence.image_checks.flips import correct_flips, flip_probability, flips
 from fgpose.estimation.evidence.image_checks.running_flips import RunningFlips
-from fgpose.estimation.evidence.image_checks.sides import exchanged_joints, sides_of
+from fgpose.estimation.evidence.image_checks.sides import exchanged_joints, limbs, sides_of
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, ring_rig, simulate, walking
@@ -260,7 +260,8 @@ def online(seen: Observations, rig: CameraRig, known_m: np.ndarray, one_by_one: 
         for camera in range(seen.n_cameras) if one_by_one else [slice(None)]:
             others = np.ones(frame.confidence.shape, dtype=bool)
             others[:, camera] = False
-            flipped, running = running.after(frame.without(others), expected_m, rig)
+            image = frame.without(others)
+            flipped, running = running.after(image, limbs(image, rig), expected_m, rig)
             found[number] |= flipped.any(axis=-1)
     return found
 

@@ -7,6 +7,7 @@ import pytest
 
 import fgpose
 from fgpose.estimation.evidence.image_checks.on_other_side import RunningOtherSide, on_other_side
+from fgpose.estimation.evidence.image_checks.sides import limbs
 from fgpose.observations import Observations
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, ring_rig, simulate, walking
 
@@ -83,7 +84,7 @@ def test_online_the_same_image_by_image(walk: Scene):
     running = RunningOtherSide.none(seen.n_cameras, seen.skeleton)
     for number, frame in enumerate(seen):
         expected_m = walk.truth_m[max(number - 1, 0)]
-        of_frame, running = running.after(frame, expected_m, walk.rig)
+        of_frame, running = running.after(frame, limbs(frame, walk.rig), expected_m, walk.rig)
         found.append(of_frame)
     doubled, batch = is_doubled(walk), on_other_side(seen, walk.rig)
     # What the next images tell is not known yet.
@@ -96,14 +97,16 @@ def test_two_cameras_cannot_tell(walk: Scene):
     seen, rig = with_one_leg(walk.observations, DOUBLED).subset(names), walk.rig.subset(names)
     assert not on_other_side(seen, rig).any()
     frame = seen.frames(slice(50, 51))
-    assert not RunningOtherSide.none(2, seen.skeleton).after(frame, walk.truth_m[49], rig)[0].any()
+    assert not RunningOtherSide.none(2, seen.skeleton).after(frame, limbs(frame, rig), walk.truth_m[49], rig)[0].any()
 
 
 def test_online_somebody_who_is_not_expected_yet_is_judged(walk: Scene):
     seen, nowhere_m = with_one_leg(walk.observations, DOUBLED).frames(slice(30, 32)), np.full((17, 3), np.nan)
     first, second = seen
-    of_first, running = RunningOtherSide.none(4, seen.skeleton).after(first, nowhere_m, walk.rig)
-    of_second, _ = running.after(second, nowhere_m, walk.rig)
+    of_first, running = RunningOtherSide.none(4, seen.skeleton).after(
+        first, limbs(first, walk.rig), nowhere_m, walk.rig
+    )
+    of_second, _ = running.after(second, limbs(second, walk.rig), nowhere_m, walk.rig)
     assert not of_first.any(), "one image may be noise"
     np.testing.assert_array_equal(of_second, on_other_side(seen, walk.rig)[1])
     assert of_second[0].any()
