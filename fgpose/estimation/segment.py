@@ -96,6 +96,11 @@ class Segment:
         )
 
     @property
+    def n_lengths(self) -> int:
+        """How many shared lengths are unknown, with those that no bone has; none where all are held."""
+        return 0 if self.lengths_known else self.skeleton.n_lengths
+
+    @property
     def with_velocity(self) -> bool:
         """Whether a joint's velocity is unknown too, besides its position."""
         return self.config.motion.model == "constant_velocity"

@@ -83,7 +83,9 @@ class LengthPriors:
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[LengthPriors]:
-        lengths_m, covariance_m2 = np.nan_to_num(segment.lengths_m), np.eye(len(segment.lengths_m))
+        if segment.lengths_known:
+            return
+        lengths_m, covariance_m2 = np.nan_to_num(segment.lengths_m), np.eye(segment.n_lengths)
         estimated = segment.estimated_lengths
         if len(estimated):
             guess = segment.lengths_m, segment.config.prior.length_sigma_m

@@ -61,7 +61,7 @@ class NormalEquations:
         segment = self._segment
         joints = np.zeros(self._shape)
         joints[:, 0][self._active] = segment.start_m[:, segment.joints][self._active]
-        return BatchState(joints, np.nan_to_num(segment.lengths_m))
+        return BatchState(joints, np.nan_to_num(segment.lengths_m[: segment.n_lengths]))
 
     def at(self, poses: Float[np.ndarray, "frame kind joint 3"]) -> BatchState:
         """The state with these positions and velocities, finite where a joint is active, and the first guess of the
@@ -77,7 +77,7 @@ class NormalEquations:
         frames."""
         joints = np.ones(self._shape)
         joints[:, 1:] = DAMPING_TIME_S**2
-        return np.append(joints, np.full(self._segment.skeleton.n_lengths, float(len(joints))))
+        return np.append(joints, np.full(self._segment.n_lengths, float(len(joints))))
 
     def gradient(self, state: BatchState) -> Float[np.ndarray, " unknown"]:
         gradient = self._gradient(state)
@@ -157,7 +157,7 @@ class NormalEquations:
 
     def lengths_m(self, state: BatchState) -> Float[np.ndarray, " length"]:
         """Shared bone lengths; NaN where none is estimated."""
-        lengths_m = np.full(state.lengths_m.shape, np.nan)
+        lengths_m = np.full(self._segment.skeleton.n_lengths, np.nan)
         lengths_m[self._segment.estimated_lengths] = state.lengths_m[self._segment.estimated_lengths]
         return lengths_m
 
@@ -261,7 +261,7 @@ class Linearized:
         """Of the joints' positions, if these are the errors of the detections."""
         gradient = np.zeros(self._factorized.shape)
         gradient[:, 0] = (self._pull @ errors.swapaxes(1, 2).reshape(*self._pull.shape[:2], -1, 1))[..., 0]
-        no_lengths = np.zeros(self._segment.skeleton.n_lengths)
+        no_lengths = np.zeros(self._segment.n_lengths)
         solved = self._factorized.solve(np.append(gradient, no_lengths))
         return _split(solved, self._factorized.shape)[0][:, 0]
 
