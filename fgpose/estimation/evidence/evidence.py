@@ -101,7 +101,7 @@ class Evidence:
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """Its fields by name."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: getattr(self, name) for name in _NAMES}
 
     @cached_property
     def detected(self) -> Bool[np.ndarray, "frame camera joint"]:
@@ -306,6 +306,9 @@ class Evidence:
         )
 
 
+_NAMES = tuple(each.name for each in fields(Evidence))
+
+
 def is_same_in_all_frames(array: np.ndarray) -> bool:
     """Whether one frame is kept in place of all, which takes no memory."""
     return array.strides[0] == 0 and len(array) > 1
@@ -317,4 +320,4 @@ def concatenated(parts: Sequence[Evidence]) -> Evidence:
         return parts[0]
     most = max(part.depth_sigma_m.shape[1] for part in parts)
     parts = [part if part.depth_sigma_m.shape[1] == most else part._with_views(most) for part in parts]
-    return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].arrays})
+    return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in _NAMES})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,8 +17,7 @@ _LONGEST_STEP_S = 0.25  # over a longer one a joint may have come and gone
 _MOST_LOG_ODDS = 30.0  # keeps the exponential finite
 
 
-@dataclass(frozen=True)
-class Stays:
+class Stays(NamedTuple):
     """For how long joints were visible and hidden, and how often they became so, summed over joints and cameras."""
 
     visible_s: float = 0.0
@@ -56,13 +55,13 @@ class Stays:
         return Stays(turns * config.visible_s, turns * config.hidden_s, turns, turns)
 
     def plus(self, others: Stays) -> Stays:
-        return Stays(*(own + other for own, other in zip(astuple(self), astuple(others), strict=True)))
+        return Stays(*(own + other for own, other in zip(self, others, strict=True)))
 
     def then(self, others: Stays, passed_s: float) -> Stays:
         """With these, which came so much later: a stream forgets, for a camera may see well for an hour and then no
         more."""
         keep = float(np.exp(-passed_s / _MEMORY_S))
-        return Stays(*(keep * own for own in astuple(self))).plus(others)
+        return Stays(*(keep * own for own in self)).plus(others)
 
 
 class Chain:
