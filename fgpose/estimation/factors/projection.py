@@ -70,9 +70,11 @@ class Projections:
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]:
         for number, camera in enumerate(self.rig.cameras):
             measured_px, sigma_px = self.measured_px[:, number], self.sigma_px[:, number]
-            for frame, slot in np.argwhere(np.isfinite(sigma_px)).tolist():
-                noise = _noise(float(sigma_px[frame, slot]), self.kernel, self.kernel_scale)
-                yield projection_factor(keys.position(frame, slot), measured_px[frame, slot], noise, camera.gtsam)
+            there = np.isfinite(sigma_px)
+            rows = zip(np.argwhere(there).tolist(), measured_px[there], sigma_px[there].tolist(), strict=True)
+            for (frame, slot), detection_px, sigma in rows:
+                noise = _noise(sigma, self.kernel, self.kernel_scale)
+                yield projection_factor(keys.position(frame, slot), detection_px, noise, camera.gtsam)
 
     def error(self, state: BatchState) -> float:
         _, _, squared = self._at(state)
