@@ -68,10 +68,11 @@ class ForwardPass:
         t, n_kinds = self._n_eliminated, self._gradients.shape[1]
         motion, of_all = self._problem.motions, self._problem.of_all_joints
         strength = np.repeat(motion.strength[t], 3)[:, None, None]
-        coupling, precision = (_block_diagonal(strength * each[t]) for each in (motion.coupling, motion.precision))
+        coupling, precision = (strength * each[t] for each in (motion.coupling, motion.precision))
         covariance = self._matrix.inverse_given_next(t)
-        gain, pull = -covariance @ coupling, unknowns_of(self._gradients[t]) + self._pull
-        information, self._pull = precision + coupling.T @ gain, gain.T @ pull
+        gain, pull = -_coupled(coupling, covariance).T, unknowns_of(self._gradients[t]) + self._pull
+        information, self._pull = _coupled(coupling, gain), gain.T @ pull
+        np.einsum("ukul->ukl", information.reshape(2 * coupling.shape[:2]))[:] += precision
         on_next = self._by_motion[t] + pose_of(self._pull, n_kinds)
         moved, gradient = self._problem.of_joints(np.stack([pose_of(covariance @ pull, n_kinds), on_next]))
         pose, next_pose = self._poses[t] - moved, self._poses[t + 1]
@@ -81,11 +82,12 @@ class ForwardPass:
         return marginal, Conditional(unknowns_of(pose), unknowns_of(next_pose), of_all(gain), of_all(covariance))
 
 
-def _block_diagonal(blocks: Float[np.ndarray, "axis kind kind"]) -> Float[np.ndarray, "unknown unknown"]:
-    n_axes, n_kinds, _ = blocks.shape
-    matrix = np.zeros((n_axes, n_kinds, n_axes, n_kinds))
-    np.einsum("ukul->ukl", matrix)[:] = blocks
-    return matrix.reshape(n_axes * n_kinds, n_axes * n_kinds)
+def _coupled(
+    coupling: Float[np.ndarray, "axis kind kind"], of_earlier: Float[np.ndarray, "unknown unknown"]
+) -> Float[np.ndarray, "unknown unknown"]:
+    """U^T A, where the unknowns of a frame are coupled with the same ones of the next."""
+    by_axis = of_earlier.reshape(*coupling.shape[:2], len(of_earlier))
+    return (coupling.swapaxes(1, 2) @ by_axis).reshape(of_earlier.shape)
 
 
 def unknowns_of(pose: Float[np.ndarray, "kind joint 3"]) -> Float[np.ndarray, " unknown"]:
