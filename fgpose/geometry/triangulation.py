@@ -85,7 +85,7 @@ def _solve(
     determinant = a * aa + b * bb + c * cc
     # Relative to the scale of the matrix: rays that are parallel to 1e-6 give about 1e-12.
     determinant[~(usable & (determinant > 1e-12 * (a + d + f) ** 3))] = np.nan
-    return np.stack([aa * x + bb * y + cc * z, bb * x + dd * y + ee * z, cc * x + ee * y + ff * z]) / -determinant
+    return np.array([aa * x + bb * y + cc * z, bb * x + dd * y + ee * z, cc * x + ee * y + ff * z]) / -determinant
 
 
 def triangulate_robust(

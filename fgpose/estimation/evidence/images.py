@@ -41,7 +41,7 @@ def fits_better(
     chance.
     """
     moved = np.sum((positions_m - others_m) ** 2, axis=-1) / _MOVED_M**2
-    error, of_others = _image_errors(np.stack([positions_m, others_m]), evidence, rig, config)
+    error, of_others = _image_errors(np.array([positions_m, others_m]), evidence, rig, config)
     return np.asarray(error + np.nan_to_num(moved / (1 + moved)) < of_others)
 
 

@@ -170,7 +170,7 @@ class WindowEquations:
 
     def _solve(self, rig: CameraRig) -> None:
         self._rig = rig
-        poses = np.stack(self._poses)
+        poses = np.array(self._poses)
         segment, self._solved, self._earlier_poses = self._segment(poses[:, 0]), None, []
         if segment.active.any():
             problem = NormalEquations(segment)
@@ -203,21 +203,21 @@ class WindowEquations:
             skeleton=first.observations.skeleton,
             config=self._config,
             evidence=concatenated([state.evidence for state in frames]),
-            active=np.stack([state.active for state in frames]),
+            active=np.array([state.active for state in frames]),
             lengths_m=self._lengths.learned.lengths_m,
-            process_density=np.stack([state.process_density for state in frames]),
+            process_density=np.array([state.process_density for state in frames]),
             known=self._lengths.learned,
             lengths_known=True,
             initial_m=positions_m,
             before=before,
             marginal=self._marginal,
-            linked=np.stack([state.linked for state in frames]),
+            linked=np.array([state.linked for state in frames]),
         )
 
     def _pose(self, state: FrameState) -> Float[np.ndarray, "kind joint 3"]:
         """Positions and, with constant velocity, velocities; zero where a joint is not estimated."""
         kinds = [state.positions_m, state.velocities_mps]
-        pose = np.stack(kinds if self._config.motion.model == "constant_velocity" else kinds[:1])
+        pose = np.array(kinds if self._config.motion.model == "constant_velocity" else kinds[:1])
         return np.where(state.active[:, None], pose, 0.0)
 
 

@@ -138,13 +138,13 @@ class DetectionResiduals:
         """Whose residual tells how large the errors of detections are: against the pose, and against the other views
         alone."""
         of_pose = self.seen & self.several & (self.redundancy > _LEAST_REDUNDANCY)
-        return np.stack([of_pose, self.contradictions.tells])
+        return np.array([of_pose, self.contradictions.tells])
 
     @property
     def single_spread_m(self) -> Float[np.ndarray, "measure frame camera joint"]:
         """What each detection alone says for the spread, by either: half of those of a normal error say less."""
         of_pose_m = self.length_m / np.sqrt(np.where(self.tells[0], self.redundancy, 1.0)) / MEDIAN_LENGTH
-        return np.stack([of_pose_m, self.contradictions.single_spread_m])
+        return np.array([of_pose_m, self.contradictions.single_spread_m])
 
     def spread_m(
         self, prior_m: float, independent: float, sizes: Float[np.ndarray, " frame"] | None = None
