@@ -251,10 +251,8 @@ def test_other_cameras_are_refused(blazepose):
 
 def online(seen: Observations, rig: CameraRig, known_m: np.ndarray, one_by_one: bool) -> np.ndarray:
     """The views that are found flipped as their images come."""
-    running, found = (
-        RunningFlips.none(seen.n_cameras, seen.skeleton),
-        np.zeros((seen.n_frames, seen.n_cameras), dtype=bool),
-    )
+    running = RunningFlips.none(seen.n_cameras, seen.skeleton)
+    found = np.zeros((seen.n_frames, seen.n_cameras), dtype=bool)
     for number, frame in enumerate(seen):
         expected_m = known_m[max(number - 1, 0)]
         for camera in range(seen.n_cameras) if one_by_one else [slice(None)]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -123,7 +122,7 @@ def test_half_a_change_of_the_probability_is_half_a_transition() -> None:
     detected = np.array([[[True, True]], [[True, True]], [[True, False]], [[True, True]]])
     stays = Stays.of(probability, np.array([np.inf, 0.1, 0.2, 3600.0]), detected)
     expected = Stays(visible_s=0.1 + 0.1, hidden_s=0.1 + 0.1, to_hidden=0.5, to_visible=0.25 + 0.2)
-    assert astuple(stays) == pytest.approx(astuple(expected))
+    assert stays == pytest.approx(expected)
 
 
 def test_an_hour_without_occlusion_is_forgotten() -> None:
