@@ -8,20 +8,21 @@ against them.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.appearance import MeanAppearance, Resemblance
 from fgpose.association.detectability import Blind, FrozenCameras, detection_probability
 from fgpose.association.founding import MAX_GAIN, Founded, found, found_alone
-from fgpose.association.identity import Builds, Likeness, Passage
+from fgpose.association.identity.appearance import MeanAppearance, Resemblance
+from fgpose.association.identity.exchange import Encounters, Finding, Settled
+from fgpose.association.identity.likeness import Builds, Likeness, Passage
+from fgpose.association.identity.lost import Lost
 from fgpose.association.likelihood import padded
-from fgpose.association.lost import Lost
 from fgpose.association.matching import Matches, Moment, follow
 from fgpose.association.pose_filter import PoseFilters
+from fgpose.association.sighting import NewPerson, Sighting
 from fgpose.association.track import COASTING_S, SAME_MOMENT_S, Track, TrackEvent, TrackState
 from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
@@ -37,51 +38,27 @@ _HARDLY, _TENTATIVE_S = -2.0, 0.2
 _ONE_BODY_M, _ONE_BODY_S = 0.2, 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class NewPerson:
-    """Somebody whom an image shows and who was not followed before, or lost sight of."""
-
-    track: int
-    """Number of the track."""
-    detection: int
-    """Number of the detection in the image."""
-    pose: PoseFilters
-
-
-@dataclass(frozen=True, eq=False)
-class Sighting:
-    """What an image shows of those who are followed."""
-
-    image: Detections
-    tracks: np.ndarray
-    """(K,) numbers of those who were followed."""
-    matches: Matches
-    """Of all images of the moment."""
-    number: int
-    """Of this image among them."""
-    begun: tuple[NewPerson, ...]
-    """Everybody whose track begins with this image, or is found again."""
-
-    def joints(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Of everybody whom the image shows: number of the track, and for every joint the number of the detection (or
-        NOBODY) and that of its joint."""
-        detection, joint = self.matches.detection[self.number], self.matches.joint[self.number]
-        for k in np.flatnonzero((detection != NOBODY).any(axis=-1)).tolist():
-            yield int(self.tracks[k]), detection[k], joint[k]
-        for begun in self.begun:
-            known = self.image.confidence[begun.detection] > 0
-            yield begun.track, np.where(known, begun.detection, NOBODY), np.arange(len(known))
-
-
 class Follower:
     """Follows everybody; see the module.
 
     With one camera alone that does not tell it, the distance of people is a guess by their size: where they are in its
     image is followed.
+
+    Args:
+        rig, skeleton: of the images.
+        config: None: the default.
+        lost: who was lost before; None: nobody.
+        looks_back: whether who is found to be exchanged gets the number of before again.
     """
 
     def __init__(
-        self, rig: CameraRig, skeleton: Skeleton, config: TrackingConfig | None = None, lost: Lost | None = None
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: TrackingConfig | None = None,
+        lost: Lost | None = None,
+        *,
+        looks_back: bool = False,
     ) -> None:
         self.rig, self._skeleton, self._config = rig, skeleton, config or TrackingConfig()
         self._n_agreeing = min(2, rig.n_cameras)
@@ -94,6 +71,9 @@ class Follower:
         """By camera, who the latter are, by the number of the detection."""
         self._n_tracks = self.n_people = 0
         self._lost = Lost(self._config.forget_s) if lost is None else lost
+        self._encounters, self._looks_back = Encounters(self._lost.builds), looks_back
+        self.exchanged: list[Finding] = []
+        """Who was found to be exchanged."""
         self.resemblance = Resemblance()
         self._blind, self._frozen = Blind(rig.names), FrozenCameras()
         self.person_of_track: dict[int, int] = {}
@@ -142,14 +122,17 @@ class Follower:
         return [Sighting(image, tracks, matches, c, tuple(begun[image.camera])) for c, image in enumerate(images)]
 
     def is_provisional(self, track: Track, now_s: float) -> bool:
-        """Whether somebody who is confirmed may still be recognised as one of those who were lost."""
-        return len(self._lost) > 0 and track.may_be_recognised(now_s)
+        """Whether somebody who is confirmed may still be recognised as one of those who were lost, or may have been
+        exchanged with somebody."""
+        return (len(self._lost) > 0 and track.may_be_recognised(now_s)) or self._encounters.is_open(track)
 
     def finish(self) -> None:
         """No image follows: who is tentative is taken for real, for nothing has told against them."""
         for track in self.tracks:
             if track.state is TrackState.TENTATIVE and track.score >= 0 and not track.near_s:
                 self._confirm(track, track.seen_s)
+        for finding in self._encounters.finish():
+            self._settle(finding, finding.together.until_s)
 
     def _match(self, moment: Moment) -> Matches:
         """Give the detections to those who are followed, and let these follow them."""
@@ -287,7 +270,20 @@ class Follower:
         self._merge(now_s)
         self.tracks = [track for track in self.tracks if track.state is not TrackState.ENDED]
         self._learn(now_s)
+        for finding in self._encounters.see([track for track in self.tracks if track.is_confirmed], now_s):
+            self._settle(finding, now_s)
         self._recognise(now_s)
+
+    def _settle(self, finding: Finding, now_s: float) -> None:
+        """Two who were together are exchanged, or not, or that is open."""
+        one, other = finding.together.tracks
+        for who, beside in ((one.person, other.person), (other.person, one.person)):
+            why = f"with {beside}: {finding.reason}"
+            self.events.append(TrackEvent(now_s, who, finding.settled.value, why, beside=beside))
+        if finding.settled is Settled.EXCHANGED:
+            self.exchanged.append(finding)
+            if self._looks_back:
+                one.exchange_numbers(other)
 
     def _confirm(self, track: Track, now_s: float) -> None:
         track.state, track.confirmed_s = TrackState.CONFIRMED, now_s

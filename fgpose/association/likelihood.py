@@ -23,7 +23,7 @@ from fgpose.people_observations import Detections
 _WRONG_SHARE = 0.1
 # The joints of one image share their errors (timing, calibration, what the filter expects): together they tell as much
 # as so many independent ones.
-_INDEPENDENT_JOINTS = 4.0
+INDEPENDENT_JOINTS = 4.0
 # A detection of which fewer joints fit is of somebody else; of which so many fit, of nobody else.
 _MIN_FITTING, _NEARLY_ALL = 0.6, 0.8
 # Joints that are taken wrongly are of the same body or of one next to it: somewhere in so much at each side.
@@ -42,7 +42,7 @@ def score_of(log_ratio: Float[np.ndarray, "*shape joint"]) -> Float[np.ndarray, 
     joints = np.log((1 - _WRONG_SHARE) * ratio + _WRONG_SHARE)
     n_known = known.sum(axis=-1)
     mean = np.where(known, joints, 0.0).sum(axis=-1) / np.maximum(n_known, 1)
-    return np.asarray(mean * np.minimum(n_known, _INDEPENDENT_JOINTS))
+    return np.asarray(mean * np.minimum(n_known, INDEPENDENT_JOINTS))
 
 
 def probability_of(log_ratio: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from fgpose.association.detectability import repeats
 from fgpose.association.follow import Follower
-from fgpose.association.identity import Passage
-from fgpose.association.lost import EverybodyLost, links
+from fgpose.association.identity.exchange import Settled, Together
+from fgpose.association.identity.likeness import Passage
+from fgpose.association.identity.lost import EverybodyLost, links
 from fgpose.association.matching import Moment, follow
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import TrackEvent
@@ -29,6 +30,9 @@ Progress = Callable[[int, int], None]
 # Who is not detected for so long is not followed farther back: one camera alone does not tell the distance, and what it
 # shows after a gap may be somebody else.
 _GAP_S = 0.2
+_SETTLED = (Settled.EXCHANGED.value, Settled.KEPT.value)
+# What is said of two for the time being, or says nothing that results do not.
+_DOUBTS = (Settled.PERHAPS.value, Settled.KEPT.value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +119,7 @@ def associate(
     """
     recording = _Frames(rig.subset(observations.camera_names), observations.frames, observations.by_camera)
     lost = EverybodyLost()
-    follower = Follower(recording.rig, observations.skeleton, config, lost)
+    follower = Follower(recording.rig, observations.skeleton, config, lost, looks_back=True)
     seen: dict[int, list[SeenInImage]] = {}
     first: dict[int, tuple[int, PoseFilters]] = {}
     confirmed: dict[int, int] = {}
@@ -127,6 +131,8 @@ def associate(
             for track, detection, joint in sighting.joints():
                 seen.setdefault(track, []).append((frame, c, detection, joint))
         confirmed |= follower.person_of_track
+        while follower.exchanged:
+            _put_right(seen, follower.exchanged.pop().together, recording.frames.frame_time_s)
         if progress:
             progress(frame + 1, len(recording))
     follower.finish()
@@ -144,6 +150,29 @@ def associate(
     return Association(observations, recording.rig, ordered, tuple(events), passages)
 
 
+def _put_right(
+    seen: dict[int, list[SeenInImage]], together: Together, frame_time_s: Float[np.ndarray, " frame"]
+) -> None:
+    """Exchange what is seen of two since they could least be told apart."""
+    since = int(np.searchsorted(frame_time_s, together.unclear_s))
+    one, other = (track.number for track in together.tracks)
+    before, after = (
+        [[each for each in seen.get(n, []) if (each[0] < since) is early] for n in (one, other)]
+        for early in (True, False)
+    )
+    seen[one], seen[other] = before[0] + after[1], before[1] + after[0]
+
+
+def _without_doubts(events: Sequence[TrackEvent]) -> list[TrackEvent]:
+    """Of people who were together what is known in the end."""
+    settled = {(event.person, event.beside): event.time_s for event in events if event.what in _SETTLED}
+    return [
+        event
+        for event in events
+        if event.what not in _DOUBTS or event.time_s > settled.get((event.person, event.beside), -np.inf)
+    ]
+
+
 def _recognised(
     follower: Follower, person_of_track: Mapping[int, int], lost: EverybodyLost
 ) -> tuple[dict[int, int], list[TrackEvent], dict[int, tuple[Passage, ...]]]:
@@ -152,7 +181,7 @@ def _recognised(
     tracks = [*lost.tracks, *(track for track in follower.tracks if track.is_confirmed)]
     passages = {track.person: track.passage for track in tracks}
     identity = {person: person for person in person_of_track.values()}
-    events = follower.events.copy()
+    events = _without_doubts(follower.events)
     lost.builds.learn_between(list(passages.values()))
     for link in links(passages, lost.room.area_m2, lost.builds):
         identity[link.after] = identity[link.before]

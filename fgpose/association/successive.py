@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.identity import RECOGNISED, Passage
+from fgpose.association.identity.likeness import RECOGNISED, Passage
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.correspondences import NOBODY, Seen
 from fgpose.geometry.camera import CameraRig

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.association.identity import Likeness, Passage
+from fgpose.association.identity.likeness import Likeness, Passage
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.correspondences import NOBODY
 from fgpose.trajectory import Estimate
@@ -29,6 +29,9 @@ _MAX_SCORE = 30.0
 _FOUND_AGAIN_M, _WALKS_MPS, _HURRIES_MPS = 0.3, 1.0, 3.0
 # How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
 _RECOGNISED_WITHIN_S = 3.0
+
+# What a track says of who somebody is; their body is in the likeness.
+_WHO = ("number", "person", "founded_s", "founded_m", "confirmed_s", "is_recognised", "former")
 
 
 class TrackState(Enum):
@@ -50,11 +53,15 @@ class TrackEvent:
     time_s: float
     person: int
     what: str
-    """confirmed, found again, lost, recognised or merged."""
+    """confirmed, found again, lost, recognised, merged, perhaps exchanged, exchanged or not exchanged."""
     reason: str
     became: int | None = None
     """Of who is recognised or merged: whom the number of person meant all along, by their own number. It is not used
     again. None: the number has not changed, or the results have the number from the start."""
+    beside: int | None = None
+    """With whom they may have been exchanged, or were, as they were very near each other; both have such an event. Of a
+    recording the results have the right numbers throughout. Live nothing changes: since about the time in the reason,
+    either number means whom the other meant before."""
 
 
 @dataclass(eq=False)
@@ -156,6 +163,16 @@ class Track:
     def is_confirmed(self) -> bool:
         return self.state in (TrackState.CONFIRMED, TrackState.COASTING)
 
+    def exchange_numbers(self, other: Track) -> None:
+        """Each is who the other was taken for."""
+        for track, numbers in ((self, {other.number: self.number}), (other, {self.number: other.number})):
+            track.apart_from = {numbers.get(number, number) for number in track.apart_from}
+            track.near_s = {numbers.get(number, number): since_s for number, since_s in track.near_s.items()}
+        for name in _WHO:
+            own = getattr(self, name)
+            setattr(self, name, getattr(other, name))
+            setattr(other, name, own)
+
     def may_be_recognised(self, now_s: float) -> bool:
         """Whether it is still open who they are."""
         return not self.is_recognised and now_s <= self.confirmed_s + _RECOGNISED_WITHIN_S
@@ -185,6 +202,7 @@ class Tracked:
     """By the camera of each of the newest images that show them: of every joint the number of the detection (or NOBODY)
     and that of its joint there, as in people.Seen."""
     is_provisional: bool = False
-    """Whether they may still be recognised as somebody who was here before, so that the number may change."""
+    """Whether it is open who they are: they may still be recognised as somebody who was here before, so that the number
+    may change, or may have been exchanged with somebody to whom they were very near."""
     former: int | None = None
     """Their number in the updates before they were recognised; it is not used again. None: it has not changed."""

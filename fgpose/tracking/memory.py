@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.association.appearance import MeanAppearance, Resemblance, Samples
 from fgpose.association.follow import Follower
-from fgpose.association.identity import Lengths, Likeness, Passage
+from fgpose.association.identity.appearance import MeanAppearance, Resemblance, Samples
+from fgpose.association.identity.likeness import Lengths, Likeness, Passage
 from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.io.live.tracker_memory import Numbers, RememberedPerson, RememberedSimilarity, TrackerMemory
 from fgpose.skeleton import BoneLengths, Skeleton

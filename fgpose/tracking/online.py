@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 
 import numpy as np
 
-from fgpose.association.appearance import Resemblance
 from fgpose.association.follow import Follower
+from fgpose.association.identity.appearance import Resemblance
 from fgpose.association.track import Track, Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.online.clock_jumps import ENOUGH_OF_ONE, FAR_S, SET_BACK, SetBack

@@ -8,7 +8,7 @@ from collections.abc import Collection
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.association.identity import RECOGNISED
+from fgpose.association.identity.likeness import RECOGNISED
 from fgpose.association.successive import Replacement, successive
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined

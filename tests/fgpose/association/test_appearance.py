@@ -9,8 +9,8 @@ import pytest
 from rooms import FPS, body_m, image, people_of
 
 import fgpose
-from fgpose.association.appearance import MeanAppearance, Resemblance, Samples
 from fgpose.association.follow import Follower
+from fgpose.association.identity.appearance import MeanAppearance, Resemblance, Samples
 from fgpose.association.recording import associate
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import Detections, PeopleObservations

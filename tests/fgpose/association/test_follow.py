@@ -9,7 +9,7 @@ import pytest
 from rooms import FPS, Scene, body_m, image, people_of, run
 
 from fgpose.association.follow import Follower
-from fgpose.association.identity import Likeness
+from fgpose.association.identity.likeness import Likeness
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import Track, TrackState
 from fgpose.geometry.camera import CameraRig

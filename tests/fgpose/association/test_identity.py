@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rooms import body_m
 
-from fgpose.association.identity import Builds, Likeness, Passage, log_ratio_of_place
+from fgpose.association.identity.likeness import Builds, Likeness, Passage, log_ratio_of_place
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.skeleton import Skeleton
 

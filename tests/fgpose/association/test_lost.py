@@ -7,8 +7,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from fgpose.association.identity import RECOGNISED, UNAMBIGUOUS, Lengths, Likeness, Passage
-from fgpose.association.lost import Lost, links
+from fgpose.association.identity.likeness import RECOGNISED, UNAMBIGUOUS, Lengths, Likeness, Passage
+from fgpose.association.identity.lost import Lost, links
 from fgpose.skeleton import Skeleton
 
 

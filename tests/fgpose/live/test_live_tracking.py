@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.association.identity import Builds
+from fgpose.association.identity.likeness import Builds
 from fgpose.association.track import Tracked, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage

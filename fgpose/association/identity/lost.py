@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.identity import RECOGNISED, UNAMBIGUOUS, Builds, Passage
+from fgpose.association.identity.likeness import RECOGNISED, UNAMBIGUOUS, Builds, Passage
 from fgpose.association.track import Track
 
 # A false track that lasts for less than this share of the time does not make the room larger.

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.appearance import MeanAppearance
+from fgpose.association.identity.appearance import MeanAppearance
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.skeleton import Skeleton
 
