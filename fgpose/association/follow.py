@@ -83,7 +83,8 @@ class Follower:
     @property
     def passages(self) -> dict[int, Passage]:
         """Of everybody who is confirmed, or was lost and is not forgotten, by number."""
-        return self._lost.passages | {track.person: track.passage for track in self.tracks if track.is_confirmed}
+        of = self._lost.passage_of
+        return self._lost.passages | {track.person: of(track) for track in self.tracks if track.is_confirmed}
 
     @property
     def lost(self) -> Collection[int]:
@@ -122,9 +123,10 @@ class Follower:
         return [Sighting(image, tracks, matches, c, tuple(begun[image.camera])) for c, image in enumerate(images)]
 
     def is_provisional(self, track: Track, now_s: float) -> bool:
-        """Whether somebody who is confirmed may still be recognised as one of those who were lost, or may have been
-        exchanged with somebody."""
-        return (len(self._lost) > 0 and track.may_be_recognised(now_s)) or self._encounters.is_open(track)
+        """Whether somebody who is confirmed may still be recognised as one of those who were lost, was and not for
+        certain, or may have been exchanged with somebody."""
+        may_be_recognised = len(self._lost) > 0 and track.may_be_recognised(now_s)
+        return may_be_recognised or self._lost.is_claimed(track) or self._encounters.is_open(track)
 
     def finish(self) -> None:
         """No image follows: who is tentative is taken for real, for nothing has told against them."""
@@ -306,7 +308,9 @@ class Follower:
         self.resemblance.learn([track.likeness.looks for track in confirmed], now_s)
 
     def _recognise(self, now_s: float) -> None:
-        """Those who have just been confirmed may be somebody who was lost before."""
+        """New ones may be somebody who was lost before, and who was recognised somebody else."""
+        for track, log_odds in self._lost.doubted(self.tracks):
+            self._note(now_s, track, "doubted", f"log odds of place, bones and looks {log_odds:.1f}")
         new = [track for track in self.tracks if track.is_confirmed and track.may_be_recognised(now_s)]
         for track, person, why in self._lost.recognised(new, now_s):
             self._note(now_s, track, "recognised", f"as {person}: {why}", person)

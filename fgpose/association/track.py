@@ -53,7 +53,8 @@ class TrackEvent:
     time_s: float
     person: int
     what: str
-    """confirmed, found again, lost, recognised, merged, perhaps exchanged, exchanged or not exchanged."""
+    """confirmed, found again, lost, recognised, doubted (whether they are who they were recognised as), merged, perhaps
+    exchanged, exchanged or not exchanged."""
     reason: str
     became: int | None = None
     """Of who is recognised or merged: whom the number of person meant all along, by their own number. It is not used
@@ -203,6 +204,6 @@ class Tracked:
     and that of its joint there, as in people.Seen."""
     is_provisional: bool = False
     """Whether it is open who they are: they may still be recognised as somebody who was here before, so that the number
-    may change, or may have been exchanged with somebody to whom they were very near."""
+    may change; were, but not for certain yet; or may have been exchanged with somebody to whom they were very near."""
     former: int | None = None
     """Their number in the updates before they were recognised; it is not used again. None: it has not changed."""

@@ -91,7 +91,7 @@ class LivePerson:
     """(J,) that at least one camera really sees the joint at the moment."""
     is_provisional: bool = False
     """Whether it is open who they are: they may still be recognised as somebody who was here before, so that the number
-    may change, or may have been exchanged with somebody to whom they were very near."""
+    may change; were, but not for certain yet; or may have been exchanged with somebody to whom they were very near."""
     former: int | None = None
     """Their number in the frames before they were recognised; it is not used again. Every frame says so while they are
     followed, for a consumer may miss the first. None: it has not changed."""

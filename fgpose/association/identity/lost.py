@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +21,11 @@ from fgpose.association.track import Track
 # A false track that lasts for less than this share of the time does not make the room larger.
 _OUTLIERS = 0.01
 _SAMPLED_S = 1.0
+# Of strangers this share at most ever reaches odds of 1 / share, however often these are looked at (Ville's inequality;
+# Wald 1945). At the odds at which somebody is recognised that is one of five.
+_WRONG = 0.05
+CERTAIN = -np.log(_WRONG)
+"""Log odds from which on somebody who was recognised is not provisional any more."""
 
 
 class _Room:
@@ -54,6 +59,9 @@ class Lost:
     def __init__(self, forget_s: float) -> None:
         self._forget_s = forget_s
         self._people: dict[int, Passage] = {}
+        self._claims: dict[Track, Passage] = {}
+        """Of those who were recognised, and not for certain yet: who they are taken for."""
+        self._doubted: set[Track] = set()
         self.room = _Room(forget_s)
         self.builds = Builds()
 
@@ -62,6 +70,8 @@ class Lost:
 
     def add(self, track: Track) -> None:
         """Somebody who is not followed any more."""
+        if track in self._claims:
+            track.likeness.join(self._claims.pop(track).likeness)
         self._people[track.person] = track.passage
 
     def learn(self, present: Sequence[Track], now_s: float) -> None:
@@ -79,10 +89,36 @@ class Lost:
         """People who were lost before this began."""
         self._people |= passages
 
+    def is_claimed(self, track: Track) -> bool:
+        """Whether somebody was recognised, and not for certain yet."""
+        return track in self._claims
+
+    def passage_of(self, track: Track) -> Passage:
+        """Of somebody who is followed, with all that is known of who they are taken for."""
+        passage = track.passage
+        if track not in self._claims:
+            return passage
+        return replace(passage, likeness=Passage.joined([self._claims[track], passage]).likeness)
+
+    def doubted(self, present: Sequence[Track]) -> list[tuple[Track, float]]:
+        """Of whom bones, looks and place now speak against who they were recognised as, and the log odds; once of each.
+        What was known of those before joins that of who is recognised for certain."""
+        self._claims = {track: before for track, before in self._claims.items() if track in present}
+        self._doubted &= self._claims.keys()
+        doubted, area_m2 = [], self.room.area_m2
+        for track, before in list(self._claims.items()):
+            log_odds = before.log_ratio(track.passage, area_m2, self.builds)
+            if log_odds >= CERTAIN:
+                track.likeness.join(self._claims.pop(track).likeness)
+            elif log_odds <= -UNAMBIGUOUS and track not in self._doubted:
+                self._doubted.add(track)
+                doubted.append((track, log_odds))
+        return doubted
+
     def recognised(self, new: Sequence[Track], now_s: float) -> list[tuple[Track, int, str]]:
         """Who of these new tracks is somebody who was lost, by number, and why; nobody is two of them.
 
-        The likeness of the track then includes what was known before.
+        They may be somebody else until that is certain, see doubted.
         """
         from scipy.optimize import linear_sum_assignment
 
@@ -107,7 +143,7 @@ class Lost:
             found.append(
                 (track, person, f"away for {away_s:.1f} s, log odds of place, bones and looks {score[n, m]:.1f}")
             )
-            track.likeness.join(somebody.likeness)
+            self._claims[track] = somebody
             del self._people[person]
         return found
 
