@@ -192,7 +192,8 @@ def swapped_ankles(walk: FinishedRecording) -> FinishedRecording:
 
 
 def sprint(walk: FinishedRecording) -> FinishedRecording:
-    way_m = np.where(walk.main.time_s > 5, 14.0 * (walk.main.time_s - 5), 0.0)
+    phase_s = (walk.main.time_s - 5) % 0.5
+    way_m = np.where(walk.main.time_s > 5, 14.0 * np.minimum(phase_s, 0.5 - phase_s), 0.0)  # to and fro between cameras
     return changed(walk, positions_m=walk.main.positions_m + way_m[:, None, None] * (0.0, 1.0, 0.0))
 
 
