@@ -85,6 +85,7 @@ class Code(StrEnum):
     IMPOSSIBLE_SPEED = "impossible-speed"
     IMPOSSIBLE_TURN = "impossible-turn"
     SHORT_LIFE = "short-life"
+    PERHAPS_EXCHANGED = "perhaps-exchanged"
     MOTIONLESS = "motionless"
     OTHER_BONES = "other-bones"
 

@@ -34,6 +34,7 @@ from fgpose.diagnosis.motion_checks import (
     gaps,
     impossible_speeds,
     motionless,
+    perhaps_exchanged,
     short_lives,
     turns,
     unobservable,
@@ -114,6 +115,7 @@ RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
     contradicted,
     turns,
     short_lives,
+    perhaps_exchanged,
     motionless,
     missing_frames,
 )
@@ -182,7 +184,8 @@ def diagnose(
         told_apart = associate(recording, rig, config.tracking)
         recording = told_apart if told_apart.people else recording.of_person(main_person(recording, rig).seen)
     people = {0: result} if isinstance(result, Trajectory) else result
-    finished = _standing(people, rig, world_up) if people else None
+    events = recording.events if isinstance(recording, Association) else ()
+    finished = replace(_standing(people, rig, world_up), events=events) if people else None
     examined = Examined.of(recording, rig, config, finished, world_up)
     return _diagnosed(replace(examined, with_unfollowed=with_unfollowed))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.association.identity.exchange import Settled
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.finished import FinishedRecording, of_each_person
 from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
@@ -244,4 +245,23 @@ def short_lives(recording: FinishedRecording) -> list[Finding]:
         )
         for person, life_s in lives_s.items()
         if life_s < _SHORT_LIFE_S < longest_s / 2
+    ]
+
+
+def perhaps_exchanged(recording: FinishedRecording) -> list[Finding]:
+    """Two people who were so near each other that nothing tells who is who since then."""
+    met = [event for event in recording.events if event.beside is not None and event.person < event.beside]
+    last = {(event.person, event.beside): event for event in met}
+    return [
+        Finding(
+            Code.PERHAPS_EXCHANGED,
+            Severity.DOUBTFUL,
+            f"person {one} may have changed numbers {event.reason}; bones do not tell who is who",
+            "Look at the images after that: is either still who it was before? Cut the recording there if not.",
+            0.5,
+            person=one,
+            from_s=event.time_s,
+        )
+        for (one, _), event in last.items()
+        if event.what == Settled.PERHAPS.value
     ]

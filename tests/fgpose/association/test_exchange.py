@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from rooms import FPS, body_m, image, people_of, run
 
+import fgpose
 from fgpose.association.follow import Follower
 from fgpose.association.recording import Association, associate
+from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import PeopleObservations
 from fgpose.skeleton import Skeleton
@@ -136,3 +138,11 @@ def test_who_was_exchanged_has_the_right_number_in_a_recording(
     assert {event.what for event in association.events} - {"confirmed"} == (
         {"exchanged"} if exchanged_s < END_S else set()
     )
+
+
+@pytest.mark.slow
+def test_the_diagnosis_says_who_may_have_been_exchanged(rig: CameraRig, skeleton: Skeleton) -> None:
+    association = of_recording(Hug(skeleton, 0.2), rig)
+    result = fgpose.smooth_people(association.observations, rig)
+    found = fgpose.diagnose(association, rig, result.trajectories).findings
+    assert [finding.person for finding in found if finding.code is Code.PERHAPS_EXCHANGED] == [0]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import fgpose
+from fgpose.association.track import TrackEvent
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.motion_checks import motionless
+from fgpose.diagnosis.motion_checks import motionless, perhaps_exchanged
 from fgpose.finding import Code, Severity
 from tests.fgpose.diagnosis.damaged import FPS, SKELETON, motion_m
 
@@ -37,3 +38,20 @@ def test_a_picture_of_somebody_is_told_from_people() -> None:
 def test_nothing_is_told_of_one_alone_or_of_some_seconds(others: dict[int, fgpose.Trajectory]) -> None:
     still = somebody(swaying_m(0.0, 300 if not others else 120))
     assert motionless(FinishedRecording("people", {0: still, **others})) == []
+
+
+def test_who_may_have_been_exchanged_is_said_once_and_as_long_as_it_is_open() -> None:
+    def of_both(time_s: float, what: str, one: int, other: int) -> list[TrackEvent]:
+        return [
+            TrackEvent(time_s, a, what, f"with {b}: too near to be told apart from 3.1 to 6.4 s", beside=b)
+            for a, b in ((one, other), (other, one))
+        ]
+
+    people = {person: somebody(motion_m(n_frames=30)) for person in range(3)}
+    settled = [*of_both(2.0, "perhaps exchanged", 0, 2), *of_both(5.0, "not exchanged", 0, 2)]
+    again = [*of_both(2.0, "perhaps exchanged", 1, 2), *of_both(5.0, "exchanged", 1, 2)]
+    events = (*settled, *again, *of_both(7.0, "perhaps exchanged", 1, 2))
+    (finding,) = perhaps_exchanged(FinishedRecording("people", people, events=events))
+    assert (finding.code, finding.severity) == (Code.PERHAPS_EXCHANGED, Severity.DOUBTFUL)
+    assert (finding.person, finding.from_s) == (1, 7.0)
+    assert "person 1 may have changed numbers with 2: too near" in finding.reason
