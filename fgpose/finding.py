@@ -294,14 +294,7 @@ def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
         different.setdefault((each.code, each.camera, each.joint, each.person, each.from_s, reason), each)
     notes = [each for each in different.values() if each.severity is Severity.NOTE]
     grave = [each for each in different.values() if each.severity is not Severity.NOTE]
-    explained, of_notes = ({code for each in some for code in EXPLAINS.get(each.code, ())} for some in (grave, notes))
-    # What is worth a note only does not make half of all errors large.
-    also_of_notes = explained | (of_notes - {Code.LARGE_ERRORS})
-    causes = [
-        each
-        for each in different.values()
-        if each.code not in (also_of_notes if each.severity is Severity.NOTE else explained)
-    ]
+    causes = [each for each in different.values() if not _is_explained(each, grave, notes)]
     order = list(Severity)
     causes = [each for each in causes if not any(_says_more(other, each, order) for other in causes)]
     as_severe = [_with_severity_of_explained(each, grave) for each in causes]
@@ -314,9 +307,28 @@ def severest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda each: (order.index(each.severity), -each.weight)))
 
 
+def _is_explained(each: Finding, grave: list[Finding], notes: list[Finding]) -> bool:
+    """What is worth a note only does not make half of all errors large."""
+    if any(_explains(cause, each) for cause in grave):
+        return True
+    is_note = each.severity is Severity.NOTE and each.code is not Code.LARGE_ERRORS
+    return is_note and any(_explains(note, each) for note in notes)
+
+
+def _explains(cause: Finding, each: Finding) -> bool:
+    """A doubt about one camera does not make what is wrong of another."""
+    if each.code not in EXPLAINS.get(cause.code, ()):
+        return False
+    is_surer = each.severity is Severity.WRONG and cause.severity is not Severity.WRONG
+    return not is_surer or each.camera == cause.camera or "" in (each.camera, cause.camera)
+
+
 def _with_severity_of_explained(cause: Finding, grave: list[Finding]) -> Finding:
-    """A cause takes the place of what follows from it, so it is as severe."""
-    follows = [each for each in grave if each.code in EXPLAINS.get(cause.code, ())]
+    """A cause takes the place of what follows from it, so it is as severe; but for exchanged sides, which are corrected
+    as far as they say."""
+    if cause.code is Code.EXCHANGED_SIDES:
+        return cause
+    follows = [each for each in grave if _explains(cause, each)]
     if cause.severity is Severity.DOUBTFUL and any(each.severity is Severity.WRONG for each in follows):
         return replace(cause, severity=Severity.WRONG)
     return cause

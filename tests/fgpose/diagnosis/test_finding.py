@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -30,6 +31,21 @@ def test_a_cause_is_as_severe_as_what_it_takes_the_place_of() -> None:
     note = found(Code.FEW_CAMERAS, Severity.NOTE)
     turned = found(Code.IMPOSSIBLE_TURN, Severity.WRONG)
     assert most_important([note, turned]) == (turned, note)
+
+
+def test_a_doubt_about_one_camera_does_not_explain_what_is_wrong_of_another() -> None:
+    moved, disagrees = found(Code.MOVED_CAMERA, camera="a"), found(Code.DISAGREEING_CAMERA, Severity.WRONG, camera="b")
+    assert most_important([moved, disagrees]) == (disagrees, moved)
+    (own,) = most_important([replace(moved, camera="b"), disagrees])
+    assert (own.code, own.severity) == (Code.MOVED_CAMERA, Severity.WRONG)
+    surely = replace(moved, severity=Severity.WRONG)
+    assert most_important([surely, disagrees]) == (surely,)
+
+
+def test_sides_that_are_corrected_are_no_severer_than_they_say() -> None:
+    exchanges = found(Code.EXCHANGED_SIDES, camera="b")
+    disagrees, moved = found(Code.DISAGREEING_CAMERA, Severity.WRONG, camera="b"), found(Code.MOVED_CAMERA, camera="a")
+    assert most_important([exchanges, disagrees, moved]) == (exchanges, moved)
 
 
 def test_the_severest_and_weightiest_comes_first_and_nothing_twice() -> None:
