@@ -22,6 +22,8 @@ _NOT_CORRECTED = (
 # Exchanges of few frames come at other times in each camera: the others are right then. Hallucinations under occluders
 # look like an exchange of one pair in up to 7 %; the estimator leaves them out.
 _OFTEN = 0.1
+# With fewer the median error of a camera is still that of the right sides, and something else makes it disagree.
+_DISAGREES = 0.3
 # As fgpose.assessment.recording_info: lower, single errors of a good detector are reported.
 _SWAPPED_SHARE, _MIN_SWAP_PX = 0.02, 30.0
 _LEAST_S = 1.0
@@ -42,6 +44,15 @@ def exchanged_sides(examined: Examined) -> list[Finding]:
     shares = {each.name: each.share_swapped for each in info.cameras if each.name in info.suspected_swaps}
     severities = {name: Severity.DOUBTFUL if share > _OFTEN else Severity.NOTE for name, share in shares.items()}
     return swapped_sides(shares, len(info.cameras), of="the pairs that can be judged", severities=severities)
+
+
+def exchanged_in_images(examined: Examined, camera: str) -> Finding | None:
+    """Of a camera that does not agree with the others: as it exchanges left and right in about half of its images."""
+    share = next(each.share_swapped for each in examined.info.cameras if each.name == camera)
+    if not share > _DISAGREES:
+        return None
+    own = {camera: Severity.DOUBTFUL}
+    return swapped_sides({camera: share}, examined.rig.n_cameras, of="the pairs that can be judged", severities=own)[0]
 
 
 def swapping_cameras(recording: FinishedRecording) -> list[Finding]:

@@ -20,6 +20,7 @@ from fgpose.diagnosis.hypotheses.images import mirrored_hypotheses
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, Why
 from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation, SearchState
 from fgpose.diagnosis.hypotheses.since_a_moment import SinceAMoment, since_a_moment
+from fgpose.diagnosis.swapped_sides import exchanged_in_images
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import spread_evenly
 
@@ -194,6 +195,8 @@ def _of_odd(examined: Examined, geometry: Geometry, camera: int, odd: OddCamera)
         reason = f"{misses}: it {odd.why.value}"
         remedy = "Look at its images: are they of the same moments as those of the others, and was it touched?"
         return Finding(Code.DISAGREEING_CAMERA, Severity.WRONG, reason, remedy, 0.8, camera=name, numbers=numbers)
+    if (exchanges := exchanged_in_images(examined, name)) is not None:
+        return exchanges
     confidence, usual = _confidences(examined, camera)
     if confidence < _UNSURE * usual:
         reason = f"{misses}; its network says to be unsure: confidence {confidence:.2f}, of the others {usual:.2f}"
