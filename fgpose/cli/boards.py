@@ -58,10 +58,12 @@ class Board:
     def run(self) -> None:
         from fgpose.calibration.board.board import load_board
         from fgpose.calibration.board.drawing import save_board
+        from fgpose.io.made_by import check_result
 
         if self.output.suffix.lower() != ".pdf":
             raise ValueError(f"{self.output}: a board is written as .pdf")
         board = load_board(self.board)
+        check_result(self.output, "board")
         try:
             board.check_unambiguous()
         except ValueError as error:

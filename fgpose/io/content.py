@@ -113,6 +113,13 @@ def first_bytes(path: Path, n_bytes: int) -> bytes:
         return file.read(n_bytes)
 
 
+def last_bytes(path: Path, n_bytes: int) -> bytes:
+    """The end of a file, all of it if it is shorter. Raises OSError, which names it, if it cannot be read."""
+    with naming(path), open_plain(path) as file:
+        file.seek(max(0, os.fstat(file.fileno()).st_size - n_bytes))
+        return file.read(n_bytes)
+
+
 def converted(kind: Any, value: Any, name: str) -> Any:
     """A value as its annotation says; a field that is absent keeps its default.
 

@@ -8,15 +8,22 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from fgpose.io.arrays import array_names, read_arrays, text
+from fgpose.io.atomic import check_replaceable
 from fgpose.io.calibration import load_calibration_origin
-from fgpose.io.content import first_bytes
+from fgpose.io.content import first_bytes, last_bytes
 from fgpose.io.tables import column_names
 from fgpose.io.trajectories import load_origin
 
-# The header of a TRC, the parameters of a C3D and, behind its layout, the name of a recording in Rerun are in these.
+# The header of a TRC, the parameters of a C3D, what a PDF and an SVG say of themselves and, behind its layout, the name
+# of a recording in Rerun are in these.
 _HEAD_BYTES = 4 << 20
+# The tags of an MP4 are its end.
+_END_BYTES = 4096
+_PAGE_HEAD_BYTES = 4096
+_PAGE = b'<meta name="generator" content="fgpose '
 _SAID = re.compile(rb'made by fgpose ([a-z]+)(?: from "([^"]+)")?')
 _DETECT = "detect"
+_REPORT = "report"
 
 
 def made_by(path: Path) -> str:
@@ -34,8 +41,13 @@ def _maker(path: Path) -> tuple[str, str]:
                 return _of_archive(path)
             case ".toml":
                 return load_calibration_origin(path).step, ""
+            case ".mp4":
+                return _said(last_bytes(path, _END_BYTES), path)
     except (ValueError, OSError):
         return "", ""
+    # A page may be named anything, and names other commands: those that made what it is about.
+    if _PAGE in first_bytes(path, _PAGE_HEAD_BYTES):
+        return _REPORT, ""
     return _said(first_bytes(path, _HEAD_BYTES), path)
 
 
@@ -61,6 +73,40 @@ def _of_archive(path: Path) -> tuple[str, str]:
     if "made_by" in names:
         return _said(b"made by fgpose " + text(read_arrays(path, {"made_by"}), "made_by").encode(), path)
     return _DETECT if "points2d_px" in names else load_calibration_origin(path).step, ""
+
+
+def check_result(
+    path: Path,
+    step: str,
+    inputs: Iterable[Path | None] = (),
+    remedy: str = "choose another with --output, or remove it",
+) -> None:
+    """Make sure, before any work is done, that a command can write its only file; its folder is made if it is absent.
+
+    Args:
+        path: the file.
+        step: the command, without fgpose.
+        inputs: what it is made from.
+        remedy: how another name is given.
+
+    Raises:
+        ValueError: it is an input, or there already and not of this command; the message names it.
+        OSError: its folder cannot be written into, or what has its name is no plain file.
+    """
+    refuse_inputs([path], inputs)
+    refuse_others([path], step, remedy=remedy)
+    check_replaceable(path)
+
+
+def refuse_inputs(
+    paths: Iterable[Path], inputs: Iterable[Path | None], remedy: str = "choose another with --output"
+) -> None:
+    """Raise ValueError, which says how another name is given, if what will be written is what it is made from, also by
+    another name. None: an input that was not given."""
+    known = {os.path.realpath(path) for path in inputs if path is not None}
+    for path in paths:
+        if os.path.realpath(path) in known:
+            raise ValueError(f"the result {path} would replace an input; {remedy}")
 
 
 def refuse_others(paths: Iterable[Path], step: str, source: Path | None = None, remedy: str = "") -> None:

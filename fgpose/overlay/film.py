@@ -199,6 +199,7 @@ def _film(path: Path, size_px: tuple[int, int], fps: float) -> Iterator[Callable
     import av
 
     with replacing(path, _check) as temporary, av.open(str(temporary), "w", format="mp4") as container:
+        container.metadata["comment"] = "made by fgpose overlay"
         # For players that know no other than 8-bit 4:2:0.
         stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = *size_px, "yuv420p"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import glob
 import math
-import os
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -21,7 +20,7 @@ from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
 from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable, not_written
-from fgpose.io.made_by import made_by, refuse_others
+from fgpose.io.made_by import made_by, refuse_inputs, refuse_others
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, people_paths, save_people
 from fgpose.io.trajectories.upright import resolved_up
@@ -139,8 +138,7 @@ class Outputs:
         others = [*([self.rrd] if "rrd" in self.formats else []), *([self.calibration] if calibration else [])]
         for path in (*trajectories, *others):
             check_replaceable(path)
-            if any(os.path.realpath(path) == os.path.realpath(other) for other in inputs):
-                raise ValueError(f"the result {path} would replace an input; choose another output folder or name")
+            refuse_inputs([path], inputs, "choose another output folder or name")
         if self.step:
             of_people = (each for path in trajectories for each in _of_single_people(path))
             remedy = f"give another name or folder, as --name {self.name}_{self.step} or -o FOLDER, or remove it"

@@ -123,7 +123,7 @@ def skeleton_picture(skeleton: Skeleton) -> str:
     shapes += _labels(skeleton, places_px)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH_PX} {_HEIGHT_PX}" font-family="sans-serif" '
-        f'fill="{MIDDLE}">\n<title>{escape(skeleton.name)}</title>\n'
+        f'fill="{MIDDLE}">\n<title>{escape(skeleton.name)}</title>\n<desc>made by fgpose skeletons</desc>\n'
         f'<g stroke="{MIDDLE}" stroke-width="2" stroke-linecap="round">\n' + "\n".join(shapes) + "\n</g>\n</svg>\n"
     )
 

@@ -172,6 +172,40 @@ def test_calibrations_of_others_stay(
     assert "mine.toml is there already, and it does not say what made it" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (["board", "chessboard:9x6:25mm", "-o"], "mine.pdf"),
+        (["skeletons", "coco_17", "--picture"], "mine.svg"),
+    ],
+)
+def test_drawings_replace_only_drawings(
+    arguments: list[str], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    for _ in range(2):
+        assert main([*arguments, str(tmp_path / "drawn" / name)]) == 0
+    assert made_by(tmp_path / "drawn" / name) == arguments[0]
+    (tmp_path / name).write_bytes(b"my own")
+    assert main([*arguments, str(tmp_path / name)]) == 2
+    assert f"{name} is there already, and it does not say what made it" in capsys.readouterr().err
+    assert (tmp_path / name).read_bytes() == b"my own"
+
+
+def test_reports_replace_only_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    pytest.importorskip("bokeh")
+    result = tmp_path / "walk.parquet"
+    write_result(result)
+    (tmp_path / "mine.html").write_text("<html>my own</html>")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for said in ("walk.parquet would replace an input", "mine.html is there already, and it does not say what made it"):
+        assert main(["report", str(result), "-o", str(tmp_path / said.partition(" ")[0])]) == 2
+        assert said in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    for _ in range(2):
+        assert main(["report", str(result), "-o", str(tmp_path / "page")]) == 0
+    assert made_by(tmp_path / "page") == "report"
+
+
 def test_what_the_live_demonstration_advises_replaces_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

@@ -145,6 +145,7 @@ def _document(content: bytes, media: str) -> bytes:
         "/Resources << /Font << /F1 5 0 R >> >> >>".encode(),
         b"<< /Length %d >>\nstream\n%s\nendstream" % (len(content), content),
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
+        b"<< /Producer (made by fgpose board) >>",
     ]
     document, offsets = b"%PDF-1.4\n", []
     for number, each in enumerate(objects, 1):
@@ -154,4 +155,4 @@ def _document(content: bytes, media: str) -> bytes:
     count = len(objects) + 1
     start = len(document)
     document += b"xref\n0 %d\n0000000000 65535 f \n%s" % (count, table)
-    return document + b"trailer\n<< /Size %d /Root 1 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (count, start)
+    return document + b"trailer\n<< /Size %d /Root 1 0 R /Info 6 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (count, start)

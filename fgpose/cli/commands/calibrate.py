@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -113,7 +112,7 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
         """Everything that can be checked before any work is done."""
         from fgpose.io.atomic import check_replaceable, check_writable
         from fgpose.io.calibration import check_format
-        from fgpose.io.made_by import refuse_others
+        from fgpose.io.made_by import refuse_inputs, refuse_others
 
         self.check_options()
         self.check_board()
@@ -127,9 +126,7 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
         check = check_writable if check_format(self.output, self.format) == "easymocap" else check_replaceable
         if check is check_replaceable and self.output.is_dir():
             raise ValueError(f"{self.output} is a folder, where a file is to be written")
-        inputs = [path for path in (self.recording, self.intrinsics, self.from_rig) if path is not None]
-        if any(os.path.realpath(path) == os.path.realpath(self.output) for path in inputs):
-            raise ValueError(f"the result {self.output} would replace an input; choose another with --output")
+        refuse_inputs([self.output], (self.recording, self.intrinsics, self.from_rig))
         if self.from_rig is not None and self.says_anything:
             raise ValueError(
                 "--from takes lenses, scale and clocks from its rig: leave --intrinsics, --height, --synchronised and "

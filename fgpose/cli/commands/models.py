@@ -10,7 +10,7 @@ from rich.table import Table
 from tyro.conf import Positional, arg, subcommand
 
 from fgpose.cli.console import new_console, new_table, print_written
-from fgpose.io.atomic import check_replaceable, write_text
+from fgpose.io.atomic import write_text
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 
 _NAMES = "blazepose-lite, blazepose-full or blazepose-heavy."
@@ -113,13 +113,14 @@ class Skeletons:
             new_console().print(table)
 
     def _show(self, name: str) -> None:
+        from fgpose.io.made_by import check_result
         from fgpose.viewer.skeleton_picture import skeleton_picture
 
         skeleton, console = load_skeleton(name), new_console()
         if self.picture is not None:
             if self.picture.suffix.lower() != ".svg":
                 raise ValueError(f"{self.picture}: a picture of a skeleton is written as .svg")
-            check_replaceable(self.picture)
+            check_result(self.picture, "skeletons", remedy="choose another with --picture, or remove it")
             write_text(self.picture, skeleton_picture(skeleton))
         root = " and ".join(skeleton.joints[joint] for joint in skeleton.root)
         console.print(

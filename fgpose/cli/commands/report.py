@@ -68,7 +68,7 @@ class Report:
             self._recording()
 
     def _study(self) -> None:
-        from fgpose.io.atomic import check_replaceable
+        from fgpose.io.made_by import check_result
         from fgpose.report import write_study_report
         from fgpose.report.study_results import load_study, study_name
 
@@ -78,20 +78,20 @@ class Report:
             if getattr(self, option) is not None:
                 raise ValueError(f"--{option} is of a single result; {self.results} is a study, which says it itself")
         path = self._path(self.results)
-        check_replaceable(path)
+        check_result(path, "report")
         with progress_bar("reporting", "recordings") as progress:
             recordings = load_study(self.results, reports=self.recordings, page=path, progress=progress)
         write_study_report(recordings, path, study_name(self.results))
         print_written(new_console(), path)
 
     def _recording(self) -> None:
-        from fgpose.io.atomic import check_replaceable
+        from fgpose.io.made_by import check_result
         from fgpose.report import write_report
         from fgpose.report.results import find_result, load_finished, maker_text
 
         result = find_result(self.results, self.name)
         path = self._path(result.parent, self.name)
-        check_replaceable(path)
+        check_result(path, "report", (result, self.rig, self.keypoints))
         with new_console(stderr=True).status("judging the result"):
             recording = load_finished(
                 result,

@@ -130,13 +130,13 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
     def _check_overlay(self, outputs: Outputs) -> None:
         """Raise, before any work, ImportError or OSError if no film can be made, ValueError if there is nothing to make
         it from."""
-        from fgpose.io.atomic import check_replaceable
+        from fgpose.io.made_by import check_result
         from fgpose.overlay.film import check_films
 
         if not self.overlay:
             return
         check_films()
-        check_replaceable(_film_of(outputs))
+        check_result(_film_of(outputs), "overlay", remedy="give another --name or --output, or remove it")
         if "parquet" not in outputs.formats:
             raise ValueError("--overlay is drawn from the parquet file: let --formats have parquet")
 

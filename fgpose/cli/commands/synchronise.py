@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -36,17 +35,13 @@ class Synchronise(KeypointOptions):
 
     def run(self) -> None:
         from fgpose.calibration.synchronisation import synchronise
-        from fgpose.io.atomic import check_replaceable
         from fgpose.io.calibration import check_format, load_calibration_origin, load_rig, save_rig
         from fgpose.io.keypoints import load_people
-        from fgpose.io.made_by import refuse_others
+        from fgpose.io.made_by import check_result
         from fgpose.pipeline.origin import synchronised
 
         check_format(self.output)
-        if any(os.path.realpath(path) == os.path.realpath(self.output) for path in (self.keypoints, self.rig)):
-            raise ValueError(f"the result {self.output} would replace an input; choose another with --output")
-        refuse_others([self.output], "synchronise", remedy="choose another with --output, or remove it")
-        check_replaceable(self.output)
+        check_result(self.output, "synchronise", (self.keypoints, self.rig))
         console = new_console()
         rig = load_rig(self.rig, self.unit)
         rig = rig.subset(self.cameras) if self.cameras else rig

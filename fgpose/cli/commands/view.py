@@ -15,7 +15,6 @@ from fgpose.cli.console import new_console, print_written, progress_bar
 from fgpose.cli.options import CameraChoice
 from fgpose.cli.viewers import WebAddress, has_display, rerun_program, warn_if_others_reach
 from fgpose.geometry.up_axis import UpChoice
-from fgpose.io.atomic import check_replaceable
 from fgpose.plain_files import naming, open_plain
 from fgpose.sampling import TimeRange
 
@@ -176,6 +175,7 @@ class Overlay(CameraChoice):
     """What is up in the world of the result, or of its cameras: +x, -x, +y, -y, +z or -z."""
 
     def run(self) -> None:
+        from fgpose.io.made_by import check_result
         from fgpose.io.trajectories import load_origin, load_upright
         from fgpose.monocular.common_times import CommonTimes
         from fgpose.monocular.sources import open_sources
@@ -199,7 +199,7 @@ class Overlay(CameraChoice):
         paths = [self.output.with_stem(f"{self.output.stem}_{name}") for name in sources.rig.names]
         paths = paths if self.each else [self.output]
         for path in paths:
-            check_replaceable(path)
+            check_result(path, "overlay", (self.file, self.rig, *(clip.path for clip in sources.clips)))
         views = shown(sources, people)
         with naming(self.file):
             CommonTimes.of(people, [view.taken_s for view in views], sources.fps).check(self.file, wanted)

@@ -14,6 +14,7 @@ from jaxtyping import UInt8
 import fgpose
 from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
+from fgpose.io.made_by import made_by
 from fgpose.io.origin import Origin
 from fgpose.monocular.sources import open_sources
 from fgpose.overlay.drawing import Drawing, Pose
@@ -250,3 +251,39 @@ def test_what_is_missing_is_said_before_any_work(
     assert main([*recorded, "-o", str(tmp_path / "film.avi")]) == 2
     assert "film.avi: a film is written as .mp4" in capsys.readouterr().err
     assert not list(tmp_path.glob("film.*"))
+
+
+@pytest.mark.parametrize(
+    ("output", "said"),
+    [
+        ("walk/ring_1.mp4", "walk/ring_1.mp4 would replace an input; choose another with --output"),
+        ("link.mp4", "link.mp4 would replace an input"),
+        ("own.mp4", "own.mp4 is there already, and it does not say what made it: fgpose overlay does not replace it"),
+    ],
+)
+def test_inputs_and_files_of_others_stay(
+    output: str, said: str, recorded: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "own.mp4").write_bytes((tmp_path / "walk" / "ring_0.mp4").read_bytes())
+    (tmp_path / "link.mp4").symlink_to(tmp_path / "walk" / "ring_2.mp4")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert main([*recorded, "-o", str(tmp_path / output)]) == 2
+    assert said in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_films_of_each_camera_replace_only_films(
+    recorded: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The film of a camera has the name of its video, as of walk/ring.mp4 and the camera 0 that of ring_0.mp4."""
+    rig = fgpose.load_rig(tmp_path / "rig.toml")
+    fgpose.save_rig(
+        CameraRig(tuple(replace(camera, name=camera.name[-1]) for camera in rig.cameras)), tmp_path / "rig.toml"
+    )
+    before = {path: path.read_bytes() for path in (tmp_path / "walk").iterdir()}
+    assert main([*recorded, "--each", "-o", str(tmp_path / "walk" / "ring.mp4")]) == 2
+    assert "ring_0.mp4 would replace an input" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in (tmp_path / "walk").iterdir()} == before
+    for _ in range(2):
+        assert main([*recorded, "--each", "-o", str(tmp_path / "film.mp4"), "--to", "0.2"]) == 0
+    assert made_by(tmp_path / "film_1.mp4") == "overlay"
