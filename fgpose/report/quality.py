@@ -6,7 +6,7 @@ Everything is computed from the result, never from a truth.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,9 @@ from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
 from fgpose.finding import Finding
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
+
+_CAMERAS, _DETECTIONS, _RESIDUALS, _COVARIANCES = "cameras", "detections", "reprojection errors", "covariances"
+_BESIDE_MOTION = {_CAMERAS, _DETECTIONS, _RESIDUALS, _COVARIANCES}
 
 
 @dataclass(frozen=True)
@@ -62,11 +65,28 @@ class Quality:
     """Whether the optimiser ended by itself; None: not known."""
     suspicions: tuple[Finding, ...] = ()
     """The most important first."""
+    unknown: tuple[str, ...] = ()
+    """What is not known of the recording, and so not judged."""
+
+    @property
+    def only_motion(self) -> bool:
+        """Whether nothing of the cameras is known, nor how sure the result is."""
+        return set(self.unknown) >= _BESIDE_MOTION
+
+    @property
+    def not_judged(self) -> str:
+        """The same in words; empty: all was judged."""
+        if not self.unknown:
+            return ""
+        *others, last = self.unknown
+        what = f"{', '.join(others)} and {last}" if others else last
+        said = "only the motion itself was judged" if self.only_motion else "not all was judged"
+        return f"{said}: {what} are not known"
 
     @property
     def numbers(self) -> dict[str, str | int | float | bool | None]:
-        """All but the suspicions, whose number is n_suspicions: a row of a table."""
-        fields = [field.name for field in dataclasses.fields(self) if field.name != "suspicions"]
+        """All but words; of the suspicions there is the number, n_suspicions: a row of a table."""
+        fields = [field.name for field in dataclasses.fields(self) if field.name not in ("suspicions", "unknown")]
         return {name: getattr(self, name) for name in fields} | {"n_suspicions": len(self.suspicions)}
 
 
@@ -95,7 +115,22 @@ def quality(recording: FinishedRecording) -> Quality:
         **_of_covariance(everybody),
         **_of_motion(everybody),
         suspicions=diagnose_finished(recording).findings,
+        unknown=tuple(_unknown(recording)),
     )
+
+
+def _unknown(recording: FinishedRecording) -> Iterator[str]:
+    everybody = recording.people.values()
+    if recording.rig is None:
+        yield _CAMERAS
+    if not recording.observations:
+        yield _DETECTIONS
+    if any(each.residual_px is None for each in everybody):
+        yield _RESIDUALS
+    if any(each.covariance_m2 is None for each in everybody):
+        yield _COVARIANCES
+    if not recording.main.skeleton.bones:
+        yield "bones"
 
 
 def _gaps_s(trajectory: Trajectory) -> list[float]:

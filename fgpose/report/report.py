@@ -87,9 +87,12 @@ def figures(judged: Quality) -> list[KeyFigure]:
 def verdict(judged: Quality) -> Headline:
     """What is suspicious, in words."""
     n = len(judged.suspicions)
-    heading = (
-        "Nothing is suspicious" if n == 0 else "One thing is suspicious" if n == 1 else f"{n} things are suspicious"
-    )
+    where = " in the motion itself" if judged.only_motion else " in what was judged" if judged.unknown else ""
+    if n == 0:
+        heading = f"Nothing is suspicious{where}"
+    else:
+        heading = "One thing is suspicious" if n == 1 else f"{n} things are suspicious"
     intro = "The most important first. " if n > 1 else ""
+    intro += f"{judged.not_judged[0].upper()}{judged.not_judged[1:]}. " if judged.not_judged else ""
     intro += "Judged from the result itself and published limits of human motion, not from a truth."
     return Headline(heading, intro, judged.suspicions)

@@ -108,7 +108,9 @@ class Report:
         for number, finding in enumerate(judged.suspicions, 1):
             console.print(f"{number}. {finding.text}", soft_wrap=True)
         if not judged.suspicions:
-            console.print("nothing is suspicious")
+            console.print("nothing is suspicious" + (" in what was judged" if judged.unknown else ""))
+        if judged.not_judged:
+            console.print(judged.not_judged, soft_wrap=True)
         print_written(console, path)
 
     def _path(self, folder: Path, name: str | None = None) -> Path:

@@ -89,7 +89,8 @@ def bone_section(recording: FinishedRecording) -> Section:
     intro = "Bones keep their lengths: what changes here is error. Deviations are from the median of each bone."
     if not recording.main.skeleton.bones:
         missing = (
-            f"Skeleton {recording.main.skeleton.name} has no bones: give one that has (TRC and C3D files hold none)."
+            f"Skeleton {recording.main.skeleton.name} has no bones. TRC and C3D files hold none: report the parquet or "
+            "npz of the same result, which do."
         )
         return Section("Bone lengths", "bones", [Note(missing, is_missing=True)])
     return Section("Bone lengths", "bones", of_people(recording, _bone_blocks), intro)

@@ -73,6 +73,20 @@ def test_results_of_one_folder_have_reports_of_their_own(
     assert f"wrote {tmp_path / 'out' / 'report_b.html'}" in printed
 
 
+def test_what_a_marker_file_does_not_tell_is_said(
+    walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_trajectory(walk.main, tmp_path / "walk.trc")
+    assert main(["report", str(tmp_path / "walk.trc")]) == 0
+    unknown = "cameras, detections, reprojection errors, covariances and bones are not known"
+    printed = capsys.readouterr().out
+    assert f"nothing is suspicious in what was judged\nonly the motion itself was judged: {unknown}\n" in printed
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Nothing is suspicious in the motion itself" in page
+    assert f"Only the motion itself was judged: {unknown}." in page
+    assert "TRC and C3D files hold none: report the parquet or npz of the same result" in page
+
+
 def test_a_report_is_not_written_through_a_link_that_nobody_named(
     walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
