@@ -48,6 +48,11 @@ class PlainConsole(Console):
         updated. Rich takes its text for markup even where the console has none."""
         return _PlainStatus(status, console=self, **options)
 
+    def on_broken_pipe(self) -> None:
+        """Raises the error, which main takes for an exit code: Rich would end the program with another."""
+        self.quiet = True
+        raise
+
     @property
     def moves(self) -> bool:
         """Whether what is drawn can be drawn over."""

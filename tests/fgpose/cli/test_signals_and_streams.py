@@ -102,8 +102,9 @@ def test_a_full_disk_behind_stdout_is_said(tmp_path: Path) -> None:
     assert ended(code) == "1 fgpose: error: cannot write the standard output: No space left on device"
 
 
-def test_a_reader_who_has_gone_is_no_error() -> None:
-    code = "reader, writer = os.pipe(); os.close(reader); os.dup2(writer, 1); sys.exit(run(['smooth', '--help']))"
+@pytest.mark.parametrize("arguments", [["smooth", "--help"], ["--help"], ["skeletons"]])
+def test_a_reader_who_has_gone_is_no_error(arguments: list[str]) -> None:
+    code = f"reader, writer = os.pipe(); os.close(reader); os.dup2(writer, 1); sys.exit(run({arguments}))"
     assert ended(code) == "141 "
 
 
