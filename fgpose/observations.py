@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.sampling import TimeRange, checked_times_s, mean_times_s
+from fgpose.sampling import TimeRange, checked_times_s, forward, mean_times_s
 from fgpose.shown import Shown
 from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
@@ -154,8 +154,8 @@ class Observations(Shown):
         return np.asarray(np.isfinite(self.points2d_px).all(axis=-1))
 
     def frames(self, frames: slice | Bool[np.ndarray, " frame"] | Int[np.ndarray, " sample"]) -> Observations:
-        """Some of the frames, as a recording of its own. Raises ValueError when there is none."""
-        if not len(self.time_s[frames]):
+        """Some of the frames, as a recording of its own. Raises ValueError when there is none, or the step negative."""
+        if not len(self.time_s[forward(frames)]):
             raise ValueError(f"no frame is left: {frames} of {self.n_frames} frames")
         return self._part(time_s=self.time_s[frames], **self.per_detection(lambda array: array[frames]))
 

@@ -94,6 +94,13 @@ def frames_per_second(time_s: Float[np.ndarray, " frame"]) -> float:
     return float(1 / np.mean(steps_s[of_one_frame])) if of_one_frame.any() else 1 / usual_s
 
 
+def forward(frames: Any) -> Any:
+    """The same frames, as an array is indexed by them. Raises ValueError for a slice that goes back in time."""
+    if isinstance(frames, slice) and frames.step is not None and frames.step < 0:
+        raise ValueError(f"frames are taken forward in time: a step of {frames.step} would turn the recording round")
+    return frames
+
+
 @dataclass(frozen=True)
 class TimeRange:
     """From one time to another, both included.

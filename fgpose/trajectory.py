@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
-from fgpose.sampling import TimeRange
+from fgpose.sampling import TimeRange, forward
 from fgpose.shown import Motion, Shown, by_names
 from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.skeletons import named_skeleton
@@ -226,7 +226,7 @@ class Trajectory(Motion):
 
     def __getitem__(self, wanted: str | list[str] | tuple[str, ...] | slice) -> np.ndarray | Trajectory:
         """Positions of a joint by name, (T, 3), or of several, (T, joints, 3), metres; or some of the frames, as
-        trajectory[100:200]. Raises ValueError for an unknown name, TypeError for a number."""
+        trajectory[100:200]. Raises ValueError for an unknown name or a negative step, TypeError for a number."""
         if isinstance(wanted, slice):
             return self.frames(wanted)
         if isinstance(wanted, str):
@@ -238,8 +238,8 @@ class Trajectory(Motion):
         return self.frames(TimeRange(begin_s, end_s).of(self.time_s))
 
     def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> Trajectory:
-        """Some of the frames, as a trajectory of its own, in which implausible_frames counts them from 0."""
-        number = {frame: n for n, frame in enumerate(np.arange(self.n_frames)[frames].tolist())}
+        """Some of them, as a trajectory whose implausible_frames count from 0. ValueError: the step is negative."""
+        number = {frame: n for n, frame in enumerate(np.arange(self.n_frames)[forward(frames)].tolist())}
         arrays = {name: getattr(self, name) for name in ("covariance_m2", "residual_px", "visibility", "frame_numbers")}
         return replace(
             self,

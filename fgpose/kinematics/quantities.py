@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar, cast, overload
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.sampling import TimeRange
+from fgpose.sampling import TimeRange, forward
 from fgpose.shown import OverTime, by_names
 from fgpose.shown.unknown_names import did_you_mean
 
@@ -79,7 +79,7 @@ class Quantities(OverTime):
 
     def __getitem__(self: _Own, wanted: str | list[str] | tuple[str, ...] | slice) -> np.ndarray | _Own:
         """One by name, (T,), or several, (T, names); or some of the frames, as angles[100:200]. Raises ValueError for
-        an unknown name, TypeError for a number."""
+        an unknown name or a negative step, TypeError for a number."""
         if isinstance(wanted, slice):
             return self.frames(wanted)
         if isinstance(wanted, str):
@@ -98,8 +98,8 @@ class Quantities(OverTime):
         return self.frames(TimeRange(begin_s, end_s).of(self.time_s))
 
     def frames(self: _Own, frames: slice | Bool[np.ndarray, " frame"]) -> _Own:
-        """Some of the frames, as quantities of their own."""
-        return replace(self, **{name: array[frames] for name, array in self._arrays().items()})
+        """Some of the frames, as quantities of their own. Raises ValueError for a negative step."""
+        return replace(self, **{name: array[forward(frames)] for name, array in self._arrays().items()})
 
     def _arrays(self) -> dict[str, np.ndarray]:
         values = {field.name: getattr(self, field.name) for field in fields(self)}

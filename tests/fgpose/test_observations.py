@@ -207,6 +207,8 @@ def test_some_frames_are_a_recording_of_their_own(parts: dict[str, Any]) -> None
     wrong: Any = 2
     with pytest.raises(TypeError, match=r"frames are taken as a slice, as observations\[0:1\]; got 2"):
         again[wrong]
+    with pytest.raises(ValueError, match="frames are taken forward in time"):
+        again[::-1]
 
 
 def test_some_cameras_are_a_recording_of_their_own(parts: dict[str, Any]) -> None:

@@ -90,6 +90,8 @@ def test_some_frames_by_slice_and_by_time(parts: dict[str, Any], skeleton: Skele
         trajectory.crop(2.0, 5.0)
     with pytest.raises(ValueError, match="there is nothing from 5 s to 2 s"):
         trajectory.crop(5.0, 2.0)
+    with pytest.raises(ValueError, match="frames are taken forward in time: a step of -1 would turn the recording"):
+        trajectory[::-1]
 
 
 def test_numbers_of_frames_are_taken_as_slices(parts: dict[str, Any]) -> None:

@@ -210,6 +210,8 @@ def test_some_frames_and_some_angles() -> None:
     with pytest.raises(ValueError, match=r"there are frames from 0 s to 0\.08 s"):
         angles.crop(1.0, 2.0)
     wrong: Any = 1
+    with pytest.raises(ValueError, match="frames are taken forward in time"):
+        angles[::-1]
     with pytest.raises(TypeError, match=r"frames as a slice, \[1:2\]"):
         angles[wrong]
 
