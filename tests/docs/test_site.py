@@ -65,6 +65,17 @@ def test_every_extra_is_explained() -> None:
     assert sorted(explained) == sorted(project["optional-dependencies"])
 
 
+@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs"])
+def test_rows_of_tables_have_as_many_cells_as_their_heads(page: str) -> None:
+    """A page shows no cell that its head does not have."""
+    path = ROOT / page
+    for each in path.rglob("*.md") if path.is_dir() else [path]:
+        for table in re.findall(r"(?:^\|.*\n)+", each.read_text(encoding="utf-8"), re.MULTILINE):
+            rows = table.splitlines()
+            n_bars = [len(re.findall(r"(?<!\\)\|", row)) for row in rows]
+            assert [row for row, n in zip(rows, n_bars, strict=True) if n != n_bars[0]] == [], each
+
+
 def test_links_of_the_readme_lead_to_files() -> None:
     for target in re.findall(r"\]\(([^)#]+)", (ROOT / "README.md").read_text(encoding="utf-8")):
         assert "://" in target or (ROOT / target).exists(), target
