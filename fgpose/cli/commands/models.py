@@ -70,7 +70,9 @@ class ListModels:
 
 @dataclass(frozen=True, kw_only=True)
 class Models:
-    """Weights of pose networks: pull fetches them, list lists them, which is the default.
+    """Fetch weights of pose networks, or list them.
+
+    pull fetches those of a network, list lists what there is, which is the default.
 
     Example: fgpose models pull blazepose-full
     """

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from pkgutil import resolve_name
+
 import pytest
 
 from fgpose.cli import main
+from fgpose.cli.app import _PLACES
 
 NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
 
@@ -97,6 +101,11 @@ def test_the_commands_are_listed_by_what_they_are_for_a_line_each(
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 78
     assert not any("…" in line for line in lines)
+    # A line that is too long may end without a sign.
+    named = {words[1]: words[2] for line in lines if len(words := re.split(r"│ | {2,}| ?│$", line)) > 3}
+    for name, place in _PLACES.items():
+        summary = (resolve_name(f"fgpose.cli.{place}").__doc__ or "").partition("\n")[0]
+        assert f"{named[name]}." == summary
     groups = [line for line in lines if line.startswith("╭")]
     assert groups[0].startswith("╭─ start here ─")
     at = {name: next(n for n, line in enumerate(lines) if line.startswith(f"│ {name} ")) for name in ("demo", "smooth")}
