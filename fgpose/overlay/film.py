@@ -116,7 +116,8 @@ def film_of_all(
     cameras: list[Shown], path: Path, drawing: Drawing, wanted: TimeRange, width_px: int, progress: Progress
 ) -> None:
     """One film of all cameras in a grid, at the rate of the fastest: of each the image that was taken last before the
-    middle of the step. Arguments and errors as of film_of_each; width_px is that of the grid."""
+    middle of the step. Arguments and errors as of film_of_each; width_px is that of the grid, and ValueError also says
+    that it is too small."""
     numbers = [camera.numbers(wanted) for camera in cameras]
     fps = max(camera.clip.fps for camera in cameras)
     begin_s = min(float(camera.taken_s[its[0]]) for camera, its in zip(cameras, numbers, strict=True))
@@ -159,8 +160,16 @@ class _Grid:
 
     @staticmethod
     def of(cameras: list[Shown], width_px: int) -> _Grid:
+        """Raises ValueError: it is too narrow for them."""
         n_columns = _columns([camera.clip.size_px for camera in cameras])
-        each_px = (width_px - (n_columns - 1) * _GAP_PX) // n_columns
+        gaps_px = (n_columns - 1) * _GAP_PX
+        each_px = (width_px - gaps_px) // n_columns
+        if each_px < 2:
+            side_by_side = f"{n_columns} cameras side by side" if n_columns > 1 else "a camera"
+            least_px = gaps_px + 2 * n_columns
+            raise ValueError(f"a film of {side_by_side} is {least_px} px wide at least (--width), got {width_px}")
+        # Images are drawn as high as fits this width, which is even.
+        each_px = _even(each_px)
         sizes = [camera.size_px(each_px) for camera in cameras]
         rows = [sizes[first : first + n_columns] for first in range(0, len(sizes), n_columns)]
         corners, y = [], 0

@@ -248,6 +248,9 @@ def test_what_is_missing_is_said_before_any_work(
     assert "ring_0.mp4: no frame is from 7 s on: there are frames from 0 s to 0.95 s" in capsys.readouterr().err
     assert main([*recorded, *output, "--width", "1"]) == 2
     assert "--width must be 2 px at least" in capsys.readouterr().err
+    assert main([*recorded, *output, "--width", "3"]) == 2
+    said = "a film of 2 cameras side by side is 8 px wide at least (--width), got 3"
+    assert f"fgpose: error: {said}\n" in capsys.readouterr().err
     assert main([*recorded, "-o", str(tmp_path / "film.avi")]) == 2
     assert "film.avi: a film is written as .mp4" in capsys.readouterr().err
     assert not list(tmp_path.glob("film.*"))

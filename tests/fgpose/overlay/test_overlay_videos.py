@@ -68,6 +68,20 @@ def test_a_portrait_video_is_upright_and_the_person_on_it(tmp_path: Path, togeth
             assert is_drawn(images[4], 2 * point_px + begin_px), camera.name
 
 
+@pytest.mark.parametrize("width_px", [14, 100, 113, 245])
+def test_images_fit_into_a_grid_of_any_width(tmp_path: Path, width_px: int) -> None:
+    portrait = upright()
+    fgpose.save_rig(portrait.rig, tmp_path / "rig.toml")
+    fgpose.save_trajectory(trajectory(portrait, 2), tmp_path / "pose.npz")
+    (tmp_path / "walk").mkdir()
+    for n, name in enumerate(portrait.rig.names):
+        write_video(tmp_path / "walk" / f"{name}.mp4", [portrait.image(n, 0.0)] * 2, FPS)
+    files = [str(tmp_path / name) for name in ("pose.npz", "walk")]
+    options = ["--rig", str(tmp_path / "rig.toml"), "--width", str(width_px), "-o", str(tmp_path / "film.mp4")]
+    assert main(["overlay", *files, *options]) == 0
+    assert abs(film(tmp_path / "film.mp4")[1][0].shape[1] - width_px) <= 4
+
+
 @pytest.mark.parametrize("extension", ["mp4", "mkv"])
 def test_images_of_a_variable_rate_are_shown_when_they_were_taken(
     squares: SquaresScene, tmp_path: Path, extension: str
