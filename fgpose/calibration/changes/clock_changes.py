@@ -18,6 +18,7 @@ _USUAL = 0.75  # a quantile: more blocks than that are right
 _NTSC = 0.001  # 30 Hz are 29.97
 # Blocks on either side of a jump, and in which an offset must be better.
 MIN_BLOCKS = 3
+_OF_HALF = 2  # of them, when only every other block is used
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +57,12 @@ def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
     centre = cost.shape[1] // 2
     found = []
     for kind, n_jumps in ((Kind.OFFSET, 0), (Kind.JUMP, 1), (Kind.JUMP, 2), (Kind.RATE, 0)):
-        lag, firsts = _fit(kind, cost, told, time, n_jumps)
+        lag, firsts = _fit(kind, cost, told, time, n_jumps, MIN_BLOCKS)
         if len(firsts) < n_jumps:
             continue
         gain = np.zeros(len(cost))
         for half in (odd, ~odd):
-            of_half, own_firsts = _fit(kind, cost * half[:, None], told & half, time, n_jumps)
+            of_half, own_firsts = _fit(kind, cost * half[:, None], told & half, time, n_jumps, _OF_HALF)
             rows = np.flatnonzero(told & ~half)
             gain[rows] = (cost[:, centre] - _least(cost, of_half, own_firsts, told & half))[rows]
         lag = _simple(kind, lag - centre, firsts, cost, costs, step_s)
@@ -164,18 +165,21 @@ def _fit(
     told: Bool[np.ndarray, " block"],
     time: Float[np.ndarray, " block"],
     n_jumps: int,
+    least_told: int,
 ) -> tuple[Float[np.ndarray, " block"], tuple[int, ...]]:
     """Of each block the index of its lag; and the blocks with which jumps begin."""
     if kind is Kind.RATE:
         return _line(cost, time), ()
-    firsts = _jumps(cost, told, n_jumps)
+    firsts = _jumps(cost, told, n_jumps, least_told)
     lag = np.empty(len(cost))
     for first, end in zip((0, *firsts), (*firsts, len(cost)), strict=True):
         lag[first:end] = _minimum(cost[first:end].sum(axis=0))
     return lag, firsts
 
 
-def _jumps(cost: Float[np.ndarray, "block lag"], told: Bool[np.ndarray, " block"], n_jumps: int) -> tuple[int, ...]:
+def _jumps(
+    cost: Float[np.ndarray, "block lag"], told: Bool[np.ndarray, " block"], n_jumps: int, least_told: int
+) -> tuple[int, ...]:
     """The blocks with which the lags of the least cost begin, by dynamic programming; fewer where there is no room."""
     before = np.concatenate([np.zeros((1, cost.shape[1])), np.cumsum(cost, axis=0)])[:, :: PER_STEP // 2]
     number = np.concatenate([[0], np.cumsum(told)])
@@ -183,7 +187,7 @@ def _jumps(cost: Float[np.ndarray, "block lag"], told: Bool[np.ndarray, " block"
     least = np.full((n, n), np.inf)
     for first in range(n - 1):
         own = (before[first + 1 :] - before[first]).min(axis=1)
-        least[first, first + 1 :] = np.where(number[first + 1 :] - number[first] >= MIN_BLOCKS, own, np.inf)
+        least[first, first + 1 :] = np.where(number[first + 1 :] - number[first] >= least_told, own, np.inf)
     best, cut = least[0], []
     for _ in range(n_jumps):
         through = best[:, None] + least

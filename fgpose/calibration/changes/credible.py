@@ -14,6 +14,7 @@ from fgpose.calibration.changes.pose_changes import PoseFit
 _SCORE = 5.0
 _GAIN = 25.0
 _SIGMAS = 3.0
+_LATE_STEPS = 4.0  # of the costs, a frame at 30 Hz: a part with a smaller lag need not show it
 # Cost of a block that a change makes worse, and of all such blocks in that of the others. Of bumps of 0.7 degrees no
 # block loses 3; of a distortion one of 14 loses 6, 0.03 in all; of a reflection that is seen now and then every fourth
 # loses 6 to 30, 0.06 and more in all.
@@ -22,6 +23,7 @@ NOTICEABLE_FRAMES = 0.2
 """At 50 Hz and walking speed 6 mm, half of the usual error."""
 JUMP_FRAMES = 0.5
 """Lost images are whole ones."""
+WHOLE_FRAMES = 0.25  # by which a number may differ from a whole one
 _RATE_FRAMES = 0.6  # that a rate adds up to from the first to the last second
 # What a network errs by differs with the side from which it sees somebody. Of somebody who stands, the rays of right
 # cameras miss each other by up to this, root mean square (webcams a metre away); that it changes at a moment is rarer.
@@ -43,10 +45,17 @@ def is_clear(fit: ClockFit | PoseFit | LensFit) -> bool:
 
 def _is_of_few_seconds(fit: ClockFit) -> bool:
     """Whether a second or two may be all that it is made of: where a detector misses the person for moments, all joints
-    suit some lag, of each moment another one; and of a few of them some line."""
+    suit some lag, of each moment another one; and of a few of them some line. Of who stands still and then moves, the
+    second between suits some jump."""
     without_best = np.delete(fit.gain, np.argmax(fit.gain))
-    of_one = fit.kind is Kind.RATE and score(without_best) < _SCORE
-    return of_one or float(fit.gain.sum()) < _SIGMAS * fit.by_chance
+    if fit.kind is Kind.JUMP:
+        parts = zip((0, *fit.firsts), (*fit.firsts, len(fit.lag)), strict=True)
+        late = [fit.gain[first:end] for first, end in parts if abs(fit.lag[first]) > _LATE_STEPS]
+        if any(score(np.delete(gain, np.argmax(gain))) < _SIGMAS for gain in late):
+            return True
+    of_one = fit.kind is not Kind.OFFSET and score(without_best) < _SCORE
+    gain = without_best if fit.kind is Kind.JUMP else fit.gain
+    return of_one or float(gain.sum()) < _SIGMAS * fit.by_chance
 
 
 def holds(fit: PoseFit | LensFit) -> bool:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.calibration.changes.candidate import CLEARLY, Candidate, chosen_of
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits, score
 from fgpose.calibration.changes.credible import (
     JUMP_FRAMES,
     NOTICEABLE_FRAMES,
+    WHOLE_FRAMES,
     clock_matters,
     holds,
     is_clear,
@@ -28,7 +29,6 @@ from fgpose.calibration.changes.lag_costs import (
     LagCosts,
     blocks_of,
     lag_costs,
-    somebody_moves,
     somebody_walks,
 )
 from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
@@ -48,15 +48,10 @@ MAX_LAG_S = 1.5
 """Of one camera behind another; what is found here may be more."""
 _MAX_CHANGES = 6
 _LONGEST_STEP_S = 0.5  # between images: nothing is told of clocks by less than two a second
-# A more complicated change must be better by this than a simpler one.
-_CLEARLY = 1.08
 # In a ring of cameras that see people as high in all images these are within 1 % of each other, whichever it is.
 _ALIKE, _AS_GOOD = ({Lens.HEIGHT, Lens.CENTRE_Y}, {Lens.WIDTH, Lens.CENTRE_X}), 0.98
-_WHOLE_FRAMES = 0.25
 _ROUNDS = 5
 _SETTLED, _SETTLED_M = np.deg2rad(0.1), 0.005
-# By how much the gain of a change counts that is not what losing images does.
-_IMPLAUSIBLE = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +69,6 @@ class Changes:
     """That are not those of the calibration: a camera with another one looks as if it was moved."""
     agree: bool = False
     """Whether all cameras agree with them; where rays meet nowhere, some lens always suits."""
-
-
-class _Candidate(NamedTuple):
-    change: Change
-    fit: ClockFit | PoseFit
-    gain: float
 
 
 def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
@@ -133,20 +122,20 @@ def _next(
     rays = _rays(people, rig, changes)
     blocks = blocks_of(rays, rays.direction.shape[2])
     costs = lag_costs(rays, blocks, _n_lags(rays.step_s))
-    walks, moves = somebody_walks(rays, blocks), somebody_moves(rays, costs)
+    walks = somebody_walks(rays, blocks)
     each_camera = range(rig.n_cameras)
     candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, walks=walks)]
-    candidates += [each for c in each_camera if moves for each in _clocks_of(costs, c, step_s)]
+    candidates += [each for c in each_camera for each in _clocks_of(costs, c, step_s)]
     fits = lens_fits(rays, costs, rig) if walks else []
     fits = [fit for fit in fits if is_clear(fit) and lens_matters(fit) and holds(fit)]
     # What needs no number goes before what does.
-    lens = max(fits, key=lambda fit: fit.gain.sum() * (_CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
+    lens = max(fits, key=lambda fit: fit.gain.sum() * (CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
     if lens is not None:
         lens = replace(lens, or_else=_as_good(lens, fits))
     while candidates:
-        chosen = _chosen(candidates, step_s / costs.step_s)
+        chosen = chosen_of(candidates, step_s / costs.step_s)
         # A lens is one number, a pose are six.
-        if lens is not None and float(lens.gain.sum()) * _CLEARLY > chosen.gain:
+        if lens is not None and float(lens.gain.sum()) * CLEARLY > chosen.gain:
             return lens
         found = _placed(chosen, people, rig, changes, rays, blocks, step_s)
         if isinstance(chosen.fit, ClockFit) or _agrees(chosen.fit, found, people, rig, changes, blocks):
@@ -185,59 +174,25 @@ def _all_agree(people: Sequence[Observations], rig: CameraRig, changes: Sequence
     return all(misses_m(rays, blocks, c, everywhere) < AGREES_M for c in range(rig.n_cameras))
 
 
-def _chosen(candidates: Sequence[_Candidate], frame: float) -> _Candidate:
-    """That which makes most better; of one camera the simplest that is nearly as good."""
-    weighed = {id(each): each.gain * (1.0 if _is_plausible(each, frame) else _IMPLAUSIBLE) for each in candidates}
-    best = max(candidates, key=lambda each: weighed[id(each)])
-    nearly = [
-        each
-        for each in candidates
-        if each.change.camera == best.change.camera
-        and each.change.is_of_clock == best.change.is_of_clock
-        and weighed[id(each)] * _CLEARLY >= weighed[id(best)]
-    ]
-    return min(nearly, key=lambda each: (_n_parameters(each), -weighed[id(each)]))
-
-
-def _n_parameters(candidate: _Candidate) -> int:
-    """Of the clock or besides the pose: a jump and when it was, a rate and an offset."""
-    n_jumps = len(candidate.fit.firsts) if isinstance(candidate.fit, ClockFit) else 0
-    return {Kind.OFFSET: 1, Kind.JUMP: 2 * n_jumps, Kind.RATE: 2, Kind.MOVED: 0, Kind.BUMP: 1}[candidate.change.kind]
-
-
-def _is_plausible(candidate: _Candidate, frame: float) -> bool:
-    """Lost images are whole ones, and of two cameras the one that lost some is late afterwards.
-
-    Args:
-        frame: of the images, in steps of the lags.
-    """
-    if candidate.change.kind is not Kind.JUMP:
-        return True
-    assert isinstance(candidate.fit, ClockFit)
-    firsts = list(candidate.fit.firsts)
-    frames = (candidate.fit.lag[firsts] - candidate.fit.lag[[first - 1 for first in firsts]]) / frame
-    return bool((np.abs(frames - np.round(frames)) < _WHOLE_FRAMES).all() and (frames > 0).all())
-
-
-def _clocks_of(costs: LagCosts, c: int, step_s: float) -> list[_Candidate]:
+def _clocks_of(costs: LagCosts, c: int, step_s: float) -> list[Candidate]:
     found = []
     for fit in clock_fits(costs, c, step_s):
         lag_s = fit.lag * costs.step_s
         if is_clear(fit) and clock_matters(fit.kind, lag_s / step_s):
-            found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
+            found.append(Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
     return found
 
 
-def _poses_of(rays: Rays, costs: LagCosts, c: int, *, walks: bool) -> list[_Candidate]:
+def _poses_of(rays: Rays, costs: LagCosts, c: int, *, walks: bool) -> list[Candidate]:
     poses = [fit for fit in pose_fits(rays, costs, c) if is_clear(fit)]
     best = max(poses, key=lambda fit: float(fit.gain.sum()), default=None)
     noticeable = [fit for fit in poses if move_matters(fit, walks=walks)]
     found = [fit for fit in noticeable if best in noticeable and holds(fit)]
-    return [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in found]
+    return [Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in found]
 
 
 def _placed(
-    candidate: _Candidate,
+    candidate: Candidate,
     people: Sequence[Observations],
     rig: CameraRig,
     changes: Sequence[Change],
@@ -333,7 +288,7 @@ def _jump(
     for first, edges in zip(fit.firsts, fit.edges, strict=True):
         by_s = float(lag_s[first] - lag_s[first - 1])
         frames = by_s / step_s
-        if abs(frames - round(frames)) < _WHOLE_FRAMES:
+        if abs(frames - round(frames)) < WHOLE_FRAMES:
             by_s = round(frames) * step_s
         if abs(by_s) < JUMP_FRAMES * step_s:
             continue

@@ -7,13 +7,13 @@ two cameras are enough.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.calibration.changes.motion_share import displacements, motion_share
 from fgpose.calibration.changes.rays import Rays
 from fgpose.estimation.noise import CORRELATION_S
 from fgpose.geometry.vectors import cross, dot
@@ -33,15 +33,15 @@ LEAST_GAIN = 20.0
 """In-sample, below which the blocks that did not enter need not be asked."""
 # Of the directions in which cameras see people, and of the people, root mean square.
 _WALKS_RAD, _WALKS_M = 0.08, 0.3
-# Of the joints that move most, in half a second, in standard deviations of the angles between rays that meet: who
-# stands quite still has 2 to 3.5, who gestures now and then 4.3 (webcams), who works on the spot or walks 12 to 23.
-_MOVES, _HALF_SECOND_S = 3.9, 0.5
 # Logarithm of how much less probable another second may be, if a camera may still have changed then. At 10 the seconds
 # that are left contain the true one in 64 of 64 recordings by two and three cameras, also of somebody who works on the
 # spot and pauses for seconds; at 5 in 63.
 _AS_PROBABLE = 10.0
 # A camera's pairs of rays say something of a block if there are so many.
 _MIN_SEEN = 8
+# Of rays that meet angles are 2 to 3 times what they differ from their mean in a second: errors last longer. Where the
+# calibration is wrong they are wider, and not because joints move.
+_PER_FLUCTUATION = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,8 @@ def blocks_of(rays: Rays, n_joints: int) -> Blocks:
 
 @dataclass(frozen=True, eq=False)
 class LagCosts:
-    """Of each pair of cameras: minus the logarithm of how probable its angles are, block by block."""
+    """Of each pair of cameras: minus the logarithm of how probable its angles are, block by block, as far as joints
+    move: of who stands still every lag is as probable."""
 
     blocks: Blocks
     step_s: float
@@ -149,22 +150,6 @@ def somebody_walks(rays: Rays, blocks: Blocks) -> bool:
     return bool(spreads) and bool((np.median(spreads, axis=0) > (_WALKS_RAD, _WALKS_M)).all())
 
 
-def somebody_moves(rays: Rays, costs: LagCosts) -> bool:
-    """Whether joints are elsewhere half a second later, by more than detections err: of somebody who stands quite still
-    errors that last fit each other best at some lag."""
-    per_bin = max(round(_HALF_SECOND_S / rays.step_s), 1)
-    n_bins = rays.direction.shape[1] // per_bin
-    moved = []
-    for own in rays.direction[:, : n_bins * per_bin]:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of what is not seen: NaN
-            means = np.nanmean(own.reshape(n_bins, per_bin, -1, 3), axis=1)
-            of_joint = np.sqrt(np.nanmean(np.sum(np.diff(means, axis=0) ** 2, axis=-1), axis=0))
-        moved.append(np.sort(of_joint[np.isfinite(of_joint)])[-3:])
-    most = np.concatenate(moved)
-    return bool(len(most)) and float(np.median(most)) > _MOVES * float(np.median(list(costs.scale.values())))
-
-
 def robust(angle: Float[np.ndarray, "*shape"], scale: float) -> Float[np.ndarray, "*shape"]:
     """Half of Cauchy's kernel, whitened."""
     return 0.5 * KERNEL**2 * np.log1p((angle / (KERNEL * scale)) ** 2)
@@ -200,15 +185,23 @@ def independent(blocks: Blocks) -> float:
 def lag_costs(rays: Rays, blocks: Blocks, n_lags: int) -> LagCosts:
     """Costs for lags of up to so many steps of the grid either way."""
     pairs = tuple(combinations(range(rays.n_cameras), 2))
+    moved = displacements(rays, blocks.index)
     cost, scale = {}, {}
     for pair in pairs:
-        cost[pair], scale[pair] = _of_pair(rays, blocks, *pair, n_lags)
+        cost[pair], scale[pair] = _of_pair(rays, blocks, *pair, n_lags, moved[list(pair)])
     return LagCosts(blocks, rays.step_s / PER_STEP, pairs, cost, scale)
 
 
-def _of_pair(rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int) -> tuple[Float[np.ndarray, "block lag"], float]:
+def _of_pair(
+    rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int, moved: Float[np.ndarray, "2 sample joint 3"]
+) -> tuple[Float[np.ndarray, "block lag"], float]:
     angles, weight = _angles(rays, blocks, a, b, n_lags)
     scale = _scale(angles, blocks)
+    by_errors = min(scale, _PER_FLUCTUATION * _scale(angles, blocks, about_mean=True))
+    baseline_m = (rays.centre_m[b, blocks.index] - rays.centre_m[a, blocks.index])[:, None]
+    n_reach = int(np.ceil(n_lags * rays.step_s / blocks.length_s))
+    share = motion_share(moved, rays.direction[a, blocks.index], baseline_m, blocks.block, n_reach, by_errors)
+    weight *= share[blocks.block][:, None]
     angles = robust(angles, scale)  # in their place: of an hour each takes 20 MB
     return _finer(_by_block(angles, weight, blocks) * independent(blocks)), scale
 
@@ -237,12 +230,19 @@ def _angles(
     return angles, weights
 
 
-def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks) -> float:
-    """Of angles between rays that meet: in most blocks they do at some lag, whatever the clocks are."""
+def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks, *, about_mean: bool = False) -> float:
+    """Of angles between rays that meet: in most blocks they do at some lag, whatever the clocks are.
+
+    Args:
+        about_mean: of what they differ from their mean in a block: where the calibration is wrong, they do not meet.
+    """
     least = []
-    size = np.abs(angles[:, ::2])
     for block in range(blocks.n_blocks):
-        own = np.sort(size[blocks.block == block].swapaxes(0, 1).reshape(size.shape[1], -1), axis=1)  # NaN last
+        own = angles[blocks.block == block][:, ::2]
+        if about_mean:
+            known = np.isfinite(own)
+            own = own - np.nansum(own, axis=0) / np.maximum(known.sum(axis=0), 1)
+        own = np.sort(np.abs(own).swapaxes(0, 1).reshape(own.shape[1], -1), axis=1)  # NaN last
         known = np.isfinite(own).sum(axis=1)
         if known.max(initial=0) >= _MIN_SEEN:
             middle = np.take_along_axis(own, np.maximum(known - 1, 0)[:, None] // 2, axis=1)[:, 0]
