@@ -33,6 +33,9 @@ _SHIFT_OF_WALKING_M = {Kind.MOVED: 0.01, Kind.BUMP: 0.018}
 # Of cameras that were moved by 0.7 to 4 degrees 0.57 to 0.79, where wrists are guessed at the hip for a while -0.1 to
 # 0.1.
 _OF_MOST_JOINTS = 1 / 3
+# Of somebody who stands, with errors that are others in every posture and camera, 0.02 to 0.058; a bump of 1.5 degrees
+# has 0.075 to 0.097.
+_SHIFT_OF_POSTURE_M = 0.06
 _ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
 _BENT_RAD = 0.005  # 2 cm at 4 m
 
@@ -78,9 +81,16 @@ def clock_matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
     return bool(abs(lag[-1] - lag[0]) > _RATE_FRAMES)
 
 
-def move_matters(fit: PoseFit, *, walks: bool) -> bool:
-    """Whether rays miss each other by more than those of right cameras, of somebody who walks or does not."""
-    return fit.shift > _SHIFT and fit.shift_m > (_SHIFT_OF_WALKING_M if walks else _SHIFT_M)[fit.kind]
+def move_matters(fit: PoseFit, *, walks: bool, of_posture: bool) -> bool:
+    """Whether rays miss each other by more than those of right cameras.
+
+    Args:
+        walks: whether somebody does, at any time.
+        of_posture: whether it is there while somebody is in one posture only, from when they take it or until they
+            leave it: errors of networks are then others too.
+    """
+    least_m = (_SHIFT_OF_WALKING_M if walks else _SHIFT_M)[fit.kind]
+    return fit.shift > _SHIFT and fit.shift_m > max(least_m, _SHIFT_OF_POSTURE_M if of_posture else 0.0)
 
 
 def lens_matters(fit: LensFit) -> bool:

@@ -127,7 +127,7 @@ def _next(
     candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, walks=walks)]
     candidates += [each for c in each_camera for each in _clocks_of(costs, c, step_s)]
     fits = lens_fits(rays, costs, rig) if walks else []
-    fits = [fit for fit in fits if is_clear(fit) and lens_matters(fit) and holds(fit)]
+    fits = [fit for fit in fits if is_clear(_of_motion(fit, costs)) and lens_matters(fit) and holds(fit)]
     # What needs no number goes before what does.
     lens = max(fits, key=lambda fit: fit.gain.sum() * (CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
     if lens is not None:
@@ -186,9 +186,22 @@ def _clocks_of(costs: LagCosts, c: int, step_s: float) -> list[Candidate]:
 def _poses_of(rays: Rays, costs: LagCosts, c: int, *, walks: bool) -> list[Candidate]:
     poses = [fit for fit in pose_fits(rays, costs, c) if is_clear(fit)]
     best = max(poses, key=lambda fit: float(fit.gain.sum()), default=None)
-    noticeable = [fit for fit in poses if move_matters(fit, walks=walks)]
+    noticeable = [fit for fit in poses if move_matters(fit, walks=walks, of_posture=_is_of_posture(fit, rays, costs))]
     found = [fit for fit in noticeable if best in noticeable and holds(fit)]
     return [Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in found]
+
+
+def _is_of_posture(fit: PoseFit, rays: Rays, costs: LagCosts) -> bool:
+    """Whether a bump is there while nobody walks, and somebody moves when it begins or ends: then the posture that the
+    camera sees is another one too."""
+    first, last = fit.edges
+    changes = bool(costs.moves[max(first - 2, 0) : last + 1].any())
+    return fit.kind is Kind.BUMP and changes and not somebody_walks(rays, costs.blocks.only(fit.held))
+
+
+def _of_motion(fit: LensFit, costs: LagCosts) -> LensFit:
+    """As far as somebody moves: errors that a network makes of one posture look like another lens, however long."""
+    return replace(fit, gain=fit.gain * costs.moves)
 
 
 def _placed(

@@ -42,6 +42,7 @@ _MIN_SEEN = 8
 # Of rays that meet angles are 2 to 3 times what they differ from their mean in a second: errors last longer. Where the
 # calibration is wrong they are wider, and not because joints move.
 _PER_FLUCTUATION = 3.0
+_MOSTLY = 0.5  # of what moves in images is the body
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,11 @@ class Blocks:
     @property
     def n_blocks(self) -> int:
         return len(self.time_s)
+
+    def only(self, held: Bool[np.ndarray, " block"]) -> Blocks:
+        """The samples of some blocks."""
+        own = held[self.block]
+        return Blocks(self.index[own], self.block[own], self.time_s, self.length_s)
 
 
 def blocks_of(rays: Rays, n_joints: int) -> Blocks:
@@ -87,6 +93,8 @@ class LagCosts:
     """By how much later the second took its images, relative to the first. The lags are even and symmetric."""
     scale: dict[tuple[int, int], float]
     """Standard deviation of the angles, radians."""
+    moves: Bool[np.ndarray, " block"]
+    """Whether joints move, by more than their detections err."""
 
     @property
     def lag_s(self) -> Float[np.ndarray, " lag"]:
@@ -186,15 +194,16 @@ def lag_costs(rays: Rays, blocks: Blocks, n_lags: int) -> LagCosts:
     """Costs for lags of up to so many steps of the grid either way."""
     pairs = tuple(combinations(range(rays.n_cameras), 2))
     moved = displacements(rays, blocks.index)
-    cost, scale = {}, {}
+    cost, scale, most = {}, {}, []
     for pair in pairs:
-        cost[pair], scale[pair] = _of_pair(rays, blocks, *pair, n_lags, moved[list(pair)])
-    return LagCosts(blocks, rays.step_s / PER_STEP, pairs, cost, scale)
+        cost[pair], scale[pair], share = _of_pair(rays, blocks, *pair, n_lags, moved[list(pair)])
+        most.append(share.max(axis=1))
+    return LagCosts(blocks, rays.step_s / PER_STEP, pairs, cost, scale, np.median(most, axis=0) > _MOSTLY)
 
 
 def _of_pair(
     rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int, moved: Float[np.ndarray, "2 sample joint 3"]
-) -> tuple[Float[np.ndarray, "block lag"], float]:
+) -> tuple[Float[np.ndarray, "block lag"], float, Float[np.ndarray, "block joint"]]:
     angles, weight = _angles(rays, blocks, a, b, n_lags)
     scale = _scale(angles, blocks)
     by_errors = min(scale, _PER_FLUCTUATION * _scale(angles, blocks, about_mean=True))
@@ -203,7 +212,7 @@ def _of_pair(
     share = motion_share(moved, rays.direction[a, blocks.index], baseline_m, blocks.block, n_reach, by_errors)
     weight *= share[blocks.block][:, None]
     angles = robust(angles, scale)  # in their place: of an hour each takes 20 MB
-    return _finer(_by_block(angles, weight, blocks) * independent(blocks)), scale
+    return _finer(_by_block(angles, weight, blocks) * independent(blocks)), scale, share
 
 
 def _angles(

@@ -19,9 +19,11 @@ from tests.fgpose.calibration.changes.changing import (
     FPS,
     RIG,
     SKELETON,
+    exchanged,
     filmed,
     late,
     lost,
+    moved_rig,
     walk_m,
 )
 
@@ -100,3 +102,25 @@ def test_a_late_camera_is_told_by_the_seconds_in_which_somebody_moves(seed: int)
     assert (found.kind, found.camera) == (Kind.OFFSET, 1)
     # 0.01 to 0.6 frames beside it were measured (12 seeds).
     assert found.offset_s * FPS == pytest.approx(-3, abs=0.7)
+
+
+@pytest.mark.parametrize("seed", [4, pytest.param(9, marks=pytest.mark.slow)])
+def test_errors_of_a_posture_are_no_bump(seed: int) -> None:
+    """What a network errs by of who stands lasts as long as they do: by 12 px (6 cm), other ones before and after, they
+    looked like cameras that were bumped when the person began to walk, or stopped."""
+    seen = filmed_by_each(moving_m(seed, *MOVES_BETWEEN), seed)
+    of_posture_px = np.random.default_rng(seed).normal(0, 12, (2, *seen.points2d_px.shape[1:]))
+    points2d_px = seen.points2d_px.copy()
+    stands = int(15 * FPS)
+    points2d_px[:stands] += of_posture_px[0]
+    points2d_px[-stands:] += of_posture_px[1]
+    assert changes(replace(seen, points2d_px=points2d_px)) == ()
+
+
+@pytest.mark.slow
+def test_a_bump_while_somebody_stands() -> None:
+    truth_m, at = moving_m(0, *MOVES_BETWEEN), int(8 * FPS)
+    seen = filmed_by_each(truth_m, 0)
+    (found,) = changes(exchanged(seen, 1, filmed_by_each(truth_m, 0, moved_rig(1, 1.5)), slice(at, None)))
+    assert (found.kind, found.camera) == (Kind.BUMP, 1)
+    assert found.at_s == pytest.approx(8.0, abs=1.0)
