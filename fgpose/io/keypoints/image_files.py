@@ -17,6 +17,7 @@ from fgpose.io.keypoints.detections import (
     read_json,
 )
 from fgpose.io.names import camera_name, frame_numbers, not_hidden
+from fgpose.io.skeletons.joint_names import whose_joints
 from fgpose.skeleton import Skeleton
 
 # Where OpenPose writes the joints of the body and of each part.
@@ -91,9 +92,10 @@ def _openpose_triples(person: dict[str, Any], source: Provenance, skeleton: Skel
         key = _OPENPOSE_LISTS[name]
         given = person.get(key, [])
         if given and len(given) != 3 * len(joints):
+            other = "" if name or len(given) % 3 else whose_joints(skeleton, len(given) // 3)
             raise ValueError(
                 f"{source}: {key} has {len(given)} numbers, skeleton {skeleton.name} needs {3 * len(joints)}: x, y, "
-                f"confidence of {len(joints)} joints"
+                f"confidence of {len(joints)} joints{other}"
             )
         if given:
             triples[list(joints)] = np.array(given, dtype=object).reshape(-1, 3)

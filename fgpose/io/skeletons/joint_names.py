@@ -62,14 +62,22 @@ def skeletons_named(names: Sequence[str], data_set: str = "") -> tuple[str, ...]
 
 def no_such_joints(skeleton: Skeleton, n_given: int = -1) -> str:
     """What to say where so many joints are not those of the skeleton."""
-    said = f"skeleton {skeleton.name} has {skeleton.n_joints} joints"
-    if n_given in _larger_sets() and n_given != skeleton.n_joints:
-        name, joints = _larger_sets()[n_given]
-        lacking = ", ".join(joint for joint in skeleton.joints if joint not in joints)
-        fitting = [each for each in builtin_skeletons() if chosen_joints(load_skeleton(each), n_given) is not None]
-        return f"{said}. The {n_given} are {name}, without {lacking}: use --skeleton {fitting[0]}"
+    return f"skeleton {skeleton.name} has {skeleton.n_joints} joints{whose_joints(skeleton, n_given)}"
+
+
+def whose_joints(skeleton: Skeleton, n_given: int) -> str:
+    """``". So many has halpe_26"``: what has so many joints, which are not those of the skeleton; empty: nothing known."""
+    if n_given == skeleton.n_joints:
+        return ""
     others = skeletons_with(n_given)
-    return f"{said}. So many has {' or '.join(others)}" if others and n_given != skeleton.n_joints else said
+    if n_given not in _larger_sets():
+        return f". So many has {' or '.join(others)}" if others else ""
+    name, joints = _larger_sets()[n_given]
+    if skeleton.parts and others:
+        return f". The {n_given} are {name}: use --skeleton {others[0]}"
+    lacking = [joint for joint in skeleton.joints if joint not in joints]
+    fitting = [each for each in builtin_skeletons() if chosen_joints(load_skeleton(each), n_given) is not None]
+    return f". The {n_given} are {name}, without {_listed(lacking)}: use --skeleton {fitting[0]}"
 
 
 def check_joints(skeleton: Skeleton, names: Sequence[str], data_set: str = "") -> None:

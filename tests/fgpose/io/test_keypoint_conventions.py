@@ -392,6 +392,23 @@ def test_whole_bodies_without_some_joints_name_the_skeleton_that_fits(tmp_path: 
     assert "skeleton coco_17 has 17 joints. So many has halpe_26" in error_of(tmp_path, rig)
 
 
+@pytest.mark.parametrize(
+    ("n_joints", "skeleton", "said"),
+    [
+        (133, "halpe_136", "The 133 are COCO-WholeBody: use --skeleton coco_wholebody_133"),
+        (136, "coco_wholebody_133", "The 136 are Halpe with face and hands: use --skeleton halpe_136"),
+        (25, "coco_wholebody_133", "So many has body_25 or body_25b"),
+    ],
+)
+def test_a_skeleton_with_hands_names_the_one_that_fits_too(
+    tmp_path: Path, rig: CameraRig, n_joints: int, skeleton: str, said: str
+):
+    openpose(tmp_path, n_joints=n_joints)
+    message = error_of(tmp_path, rig, skeleton)
+    assert f"pose_keypoints_2d has {3 * n_joints} numbers, skeleton {skeleton} needs" in message
+    assert said in message
+
+
 @pytest.mark.parametrize("names", [True, False])
 def test_joints_that_the_file_names_are_compared_with_the_skeleton(tmp_path: Path, rig: CameraRig, names: bool):
     meta: dict[str, Any] = {"dataset_name": "coco"}
