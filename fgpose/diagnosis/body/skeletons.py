@@ -79,11 +79,22 @@ def _cause(
             f"change their distance to each other one by more than {100 * loose:.0f} %",
             "Is the calibration that of this recording? Calibrate anew.",
         )
+    return (Code.WRONG_SKELETON, *_neither(positions_m, given, as_named))
+
+
+def _neither(positions_m: Float[np.ndarray, "frame joint 3"], given: Skeleton, as_named: str) -> tuple[str, str]:
+    """What is said of joints that are none of this skeleton, and fit no other one clearly; and what to do."""
+    reason = f"The joints are not those of skeleton {given.name}: {as_named}"
+    own_file = "a skeleton file with the joints in the order of the keypoints (--skeleton my.toml)"
+    # Another one, or another order, must fit in either half.
+    if len(positions_m) < 2 * LEAST_FRAMES:
+        few = f"{len(positions_m)} frames are too few to tell whose they are"
+        others = " or ".join(other.name for other in _as_many(given))
+        choice = f"--skeleton {others}, where it fits, or " if others else ""
+        return f"{reason}; {few}", f"Give more frames, {choice}{own_file}."
     return (
-        Code.WRONG_SKELETON,
-        f"The joints are not those of skeleton {given.name}: {as_named}. No built-in skeleton with {given.n_joints} "
-        "joints fits either: their order is probably another one",
-        "Write a skeleton file with the joints in the order of the keypoints (--skeleton my.toml).",
+        f"{reason}. No built-in skeleton with {given.n_joints} joints fits either: their order is probably another one",
+        f"Write {own_file}.",
     )
 
 
@@ -91,15 +102,18 @@ def better_skeleton(positions_m: Float[np.ndarray, "frame joint 3"], given: Skel
     """The built-in one of as many joints that is clearly more like a body, and so in both halves of the recording."""
     halves = np.array_split(positions_m, 2)
     best, least = None, _LESS * strangeness(positions_m, given)
-    for name in builtin_skeletons():
-        other = load_skeleton(name)
-        if other.n_joints != given.n_joints or other.joints == given.joints:
-            continue
+    for other in _as_many(given):
         strange = strangeness(positions_m, other)
         fits = [strangeness(half, other) < _STRANGE for half in halves]
         if strange < least and all(fits):
             best, least = other, strange
     return best
+
+
+def _as_many(given: Skeleton) -> list[Skeleton]:
+    """The built-in ones of as many joints, others than these."""
+    known = [load_skeleton(name) for name in builtin_skeletons()]
+    return [each for each in known if each.n_joints == given.n_joints and each.joints != given.joints]
 
 
 def _strangest(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> str:

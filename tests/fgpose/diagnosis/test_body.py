@@ -242,6 +242,14 @@ def test_a_skeleton_of_as_many_joints(n_cameras: int, given: str) -> None:
     assert finding.remedy == "Give --skeleton h36m_17."
 
 
+def test_of_few_frames_it_is_not_said_that_no_skeleton_fits(rig) -> None:
+    few = recorded(rig, motion_m("cmu_02_10", 90), seed=3).frames(np.arange(90) % 15 == 0)
+    misread = replace(few, skeleton=load_skeleton("h36m_17_lt"), points3d_m=None, covariance3d_m2=None)
+    (finding,) = wrong_skeleton(Examined.of(misread, rig))
+    assert "6 frames are too few to tell whose they are" in finding.reason
+    assert finding.remedy.startswith("Give more frames, --skeleton ") and "h36m_17, where" in finding.remedy
+
+
 def test_joints_in_an_order_that_no_skeleton_has(seen, rig) -> None:
     order = np.random.default_rng(1).permutation(SKELETON.n_joints)
     shuffled = replace(with_points(seen, seen.points2d_px[:, :, order]), confidence=seen.confidence[:, :, order])
