@@ -19,6 +19,7 @@ from fgpose.io.keypoints.detection_columns import (
     repeated_row,
     require_columns,
 )
+from fgpose.io.mistaken import refuse_result
 from fgpose.io.names import match_cameras
 from fgpose.io.skeletons.tables import skeleton_to_json
 from fgpose.io.tables import names, nullable, numbers, read_table, write_table
@@ -42,9 +43,15 @@ def with_skeleton(table: pa.Table, skeleton: Skeleton) -> pa.Table:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a file is a recording of ours, by its content. Raises OSError if it cannot be read."""
+    """Whether a file is a recording of ours, by its content.
+
+    Raises:
+        ValueError: it is a result or a calibration; the message names it.
+        OSError: it cannot be read.
+    """
     if path.is_dir():
         return False
+    refuse_result(path)
     if is_parquet(path):
         return True
     with naming(path):

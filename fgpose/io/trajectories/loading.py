@@ -12,6 +12,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis, UpChoice, WorldUp, from_z_up, z_up, z_up_R_world
 from fgpose.io.content import first_bytes
 from fgpose.io.formats import trajectory_formats
+from fgpose.io.mistaken import refuse_keypoints
 from fgpose.io.origin import Origin
 from fgpose.io.skeletons import as_skeleton
 from fgpose.io.trajectories.c3d import read_c3d
@@ -166,6 +167,7 @@ def _turned(
 
 
 def _kind(path: Path) -> str:
+    refuse_keypoints(path)
     start = first_bytes(path, 16)
     if not start:
         raise ValueError(f"{path}: the file is empty")

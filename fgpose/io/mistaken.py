@@ -1,0 +1,47 @@
+"""Files that are given in the place of others: keypoints, results and calibrations, told apart by their content."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from fgpose.io.arrays import array_names
+from fgpose.io.content import first_bytes
+from fgpose.io.tables import column_names
+
+_CALIBRATIONS = (".toml", ".yml", ".yaml", ".xcp")
+
+
+def refuse_result(path: Path) -> None:
+    """Raise ValueError, which names the file, where keypoints belong and this is a result, or a calibration."""
+    contents = _contents(path)
+    if {"positions_m", "status"} <= contents or {"x_m", "status"} <= contents or _is_trc(path):
+        raise ValueError(f"{path}: this is a result, not keypoints: give the keypoints that it was made from")
+    if path.suffix.lower() in _CALIBRATIONS:
+        raise ValueError(
+            f"{path}: a {path.suffix.lower()} file holds no keypoints; a calibration goes to rig (--rig), which may have "
+            "been exchanged with them"
+        )
+
+
+def refuse_keypoints(path: Path) -> None:
+    """Raise ValueError, which names the file, where a result belongs and these are keypoints."""
+    if path.is_dir():
+        raise ValueError(f"{path}: a folder, not the file of a result (.parquet, .npz, .trc or .c3d)")
+    if "points2d_px" in _contents(path) or {"camera", "x_px"} <= _contents(path):
+        raise ValueError(f"{path}: these are keypoints, not a result: fgpose smooth makes one of them")
+
+
+def _contents(path: Path) -> set[str]:
+    """The names of the arrays or columns; none of a damaged file, of which its reader says more."""
+    start = first_bytes(path, 4)
+    with suppress(ValueError):
+        if start == b"PAR1":
+            return column_names(path)
+        if start.startswith(b"PK"):
+            return array_names(path)
+    return set()
+
+
+def _is_trc(path: Path) -> bool:
+    return first_bytes(path, 16).removeprefix(b"\xef\xbb\xbf").startswith(b"PathFileType")

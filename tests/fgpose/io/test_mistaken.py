@@ -1,0 +1,54 @@
+"""Files that are given in the place of others are said to be that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fgpose.io.keypoints import keypoint_cameras, load_observations
+from fgpose.io.keypoints.people_files import save_people_observations
+from fgpose.io.keypoints.recording_files import save_observations
+from fgpose.io.recordings import load_recording
+from fgpose.io.trajectories import load_origin, load_trajectory, load_upright, save_trajectory
+from fgpose.people_observations import PeopleObservations
+from fgpose.trajectory import Status, Trajectory
+
+RIG, WHOLE = load_recording("balance_openpose")
+SEEN = WHOLE[:5]
+
+
+@pytest.fixture(params=[".npz", ".parquet", ".trc"])
+def result(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    positions_m = np.random.default_rng(0).uniform(0, 2, (SEEN.n_frames, SEEN.skeleton.n_joints, 3))
+    status = np.full(positions_m.shape[:2], Status.OBSERVED)
+    path = tmp_path / f"result{request.param}"
+    save_trajectory(Trajectory(SEEN.skeleton, SEEN.time_s, positions_m, status), path)
+    return path
+
+
+@pytest.mark.parametrize("extension", [".npz", ".parquet"])
+@pytest.mark.parametrize("everybody", [False, True])
+@pytest.mark.parametrize("read", [load_trajectory, load_origin, load_upright])
+def test_keypoints_are_no_result(
+    tmp_path: Path, extension: str, everybody: bool, read: Callable[[Path], object]
+) -> None:
+    path = tmp_path / f"seen{extension}"
+    if everybody:
+        save_people_observations(PeopleObservations.of_one(SEEN), path)
+    else:
+        save_observations(SEEN, path)
+    with pytest.raises(ValueError, match="these are keypoints, not a result: fgpose smooth makes one") as error:
+        read(path)
+    assert str(error.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("skeleton", [None, "body_25b"])
+def test_a_result_is_no_keypoints(result: Path, skeleton: str | None) -> None:
+    with pytest.raises(ValueError, match="this is a result, not keypoints") as error:
+        load_observations(result, RIG, skeleton, fps=60.0)
+    assert str(error.value).startswith(str(result))
+    with pytest.raises(ValueError, match="this is a result, not keypoints"):
+        keypoint_cameras(result)
