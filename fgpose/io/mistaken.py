@@ -19,8 +19,7 @@ def refuse_result(path: Path) -> None:
         raise ValueError(f"{path}: this is a result, not keypoints: give the keypoints that it was made from")
     if path.suffix.lower() in _CALIBRATIONS:
         raise ValueError(
-            f"{path}: a {path.suffix.lower()} file holds no keypoints; a calibration goes to rig (--rig), which may have "
-            "been exchanged with them"
+            f"{path}: a {path.suffix.lower()} file holds no keypoints; the calibration is given as rig (--rig)"
         )
 
 
@@ -30,6 +29,17 @@ def refuse_keypoints(path: Path) -> None:
         raise ValueError(f"{path}: a folder, not the file of a result (.parquet, .npz, .trc or .c3d)")
     if "points2d_px" in _contents(path) or {"camera", "x_px"} <= _contents(path):
         raise ValueError(f"{path}: these are keypoints, not a result: fgpose smooth makes one of them")
+
+
+def refuse_folder_of_keypoints(folder: Path) -> None:
+    """Raise ValueError where a calibration belongs and the folder has keypoints; the caller names it."""
+    if any((folder / f"{name}.yml").is_file() for name in ("intri", "extri")):
+        return
+    if any(folder.glob("*.json")) or any(folder.glob("*/*.json")):
+        raise ValueError(
+            "a folder with keypoints, not a calibration: were the two exchanged? First come the keypoints, the "
+            "calibration is rig (--rig)"
+        )
 
 
 def _contents(path: Path) -> set[str]:

@@ -146,7 +146,10 @@ def _find(path: Path) -> dict[str, Path]:
         clip = _clip_in(entry)
         name = entry.name if entry.is_dir() else entry.stem
         if clip is not None and name in found:
-            raise ValueError(f"{clip}: camera {name} has {found[name].name} beside it")
+            raise ValueError(
+                f"{clip}: camera {name} has {found[name].name} beside it; one video per camera is needed: rename or "
+                "move one of the two"
+            )
         if clip is not None:
             found[name] = clip
     if not found:

@@ -189,6 +189,11 @@ class Overlay(CameraChoice):
         if self.width_px is not None and self.width_px < 2:
             raise ValueError(f"--width must be 2 px at least, got {self.width_px}")
         wanted = _time_range(self.from_s, self.to_s)
+        if self.file.is_dir() and self.videos.is_file():
+            raise ValueError(
+                f"{self.file} is a folder; first comes the result, then the videos: "
+                f"fgpose overlay {self.videos} {self.file}"
+            )
         origin = load_origin(self.file)
         rig = self._rig(origin)
         people, up_R_world = load_upright(self.file, self.world_up, rig)

@@ -23,6 +23,7 @@ from fgpose.io.calibration.calibration_origin import CalibrationOrigin
 from fgpose.io.content import read_content
 from fgpose.io.formats import RigFormat as AddedFormat
 from fgpose.io.formats import recognised
+from fgpose.io.mistaken import refuse_folder_of_keypoints
 from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
 
 RigFormat = Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"]
@@ -112,6 +113,7 @@ def _read_folder(folder: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
         return opencap.read(folder), "mm"
     if biocv.files_in(folder):
         return biocv.read(folder), "mm"
+    refuse_folder_of_keypoints(folder)
     return opencv_yaml.read(folder), "m"
 
 

@@ -141,6 +141,11 @@ def _camera_tables(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
 def _view(key: str, table: dict[str, Any]) -> CalibratedView:
     name = str(table.get("name", key))
     missing = [what for what in _KEYS if what not in table]
+    if missing == ["rotation", "translation"]:
+        raise ValueError(
+            f"camera {name} has no rotation and translation. If these are lenses only, fgpose calibrate with "
+            "--intrinsics finds where the cameras are"
+        )
     if missing:
         raise ValueError(f"camera {name}: {', '.join(missing)} is missing")
     width, height = numbers(name, "size", table["size"], 2)

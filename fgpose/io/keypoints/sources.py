@@ -48,7 +48,10 @@ def keypoint_sources(path: Path) -> dict[str, Path]:
     for source in found:
         name = source.stem if source.parent == path and source.is_file() else _folder_of(source, path).name
         if name in sources:
-            raise ValueError(f"{source}: camera {name} has a second file beside it")
+            raise ValueError(
+                f"{source}: camera {name} has a second file beside it, {sources[name].name}; rename or move "
+                "one of the two"
+            )
         sources[name] = source
     return sources
 

@@ -66,7 +66,7 @@ def no_such_joints(skeleton: Skeleton, n_given: int = -1) -> str:
 
 
 def whose_joints(skeleton: Skeleton, n_given: int) -> str:
-    """``". So many has halpe_26"``: what has so many joints, which are not those of the skeleton; empty: nothing known."""
+    """``". So many has halpe_26"``: what has so many joints, which are not the skeleton's; empty: none is known."""
     if n_given == skeleton.n_joints:
         return ""
     others = skeletons_with(n_given)

@@ -247,7 +247,8 @@ def test_of_few_frames_it_is_not_said_that_no_skeleton_fits(rig) -> None:
     misread = replace(few, skeleton=load_skeleton("h36m_17_lt"), points3d_m=None, covariance3d_m2=None)
     (finding,) = wrong_skeleton(Examined.of(misread, rig))
     assert "6 frames are too few to tell whose they are" in finding.reason
-    assert finding.remedy.startswith("Give more frames, --skeleton ") and "h36m_17, where" in finding.remedy
+    assert finding.remedy.startswith("Give more frames, --skeleton ")
+    assert "h36m_17, where" in finding.remedy
 
 
 def test_joints_in_an_order_that_no_skeleton_has(seen, rig) -> None:

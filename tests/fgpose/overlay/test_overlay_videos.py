@@ -100,3 +100,12 @@ def test_images_of_a_variable_rate_are_shown_when_they_were_taken(
     for number in (2, 7, 15):
         for point_px in squares.rig.cameras[0].project(squares.positions_m(float(stamps_s[number]))[0]):
             assert is_drawn(drawn[number], 2 * point_px), number
+
+
+def test_exchanged_videos_and_result_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "videos").mkdir()
+    (tmp_path / "result.parquet").write_bytes(b"PAR1")
+    videos, result = str(tmp_path / "videos"), str(tmp_path / "result.parquet")
+    assert main(["overlay", videos, result, "-o", str(tmp_path / "x.mp4")]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"{videos} is a folder; first comes the result, then the videos: fgpose overlay {result} {videos}" in said
