@@ -82,7 +82,7 @@ def test_a_camera_with_two_files_says_what_to_do(tmp_path: Path) -> None:
     for name in ("cam_01.json", "cam_01.npz", "cam_01.mp4", "cam_01.MOV"):
         (tmp_path / name).write_bytes(b"")
     for find in (keypoint_cameras, has_two_videos):
-        with pytest.raises(ValueError, match="cam_01.* beside it.* rename or move one of the two"):
+        with pytest.raises(ValueError, match=r"cam_01.* beside it.* rename or move one of the two"):
             find(tmp_path)
 
 

@@ -106,6 +106,6 @@ def test_exchanged_videos_and_result_are_named(tmp_path: Path, capsys: pytest.Ca
     (tmp_path / "videos").mkdir()
     (tmp_path / "result.parquet").write_bytes(b"PAR1")
     videos, result = str(tmp_path / "videos"), str(tmp_path / "result.parquet")
-    assert main(["overlay", videos, result, "-o", str(tmp_path / "x.mp4")]) == 1
+    assert main(["overlay", videos, result, "-o", str(tmp_path / "x.mp4")]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert f"{videos} is a folder; first comes the result, then the videos: fgpose overlay {result} {videos}" in said
