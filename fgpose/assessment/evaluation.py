@@ -21,6 +21,7 @@ from fgpose.assessment.metrics import (
 )
 from fgpose.sampling import at_times, usual_step_s
 from fgpose.shown import Shown
+from fgpose.shown.wrong_types import check_type
 from fgpose.trajectory import Trajectory
 
 # The usual threshold of 3D PCK (MPI-INF-3DHP).
@@ -110,7 +111,10 @@ def evaluate(estimate: Trajectory, reference: Trajectory, reference_offset_s: fl
 
     Raises:
         ValueError: no joint or no frame is in common.
+        TypeError: one of them is no trajectory.
     """
+    check_type("evaluate", "estimate", estimate, Trajectory)
+    check_type("evaluate", "reference", reference, Trajectory)
     match = _match(estimate, reference, reference_offset_s)
     estimate_m, reference_m, joints, time_s = match.estimate_m, match.reference_m, match.joints, match.time_s
     absolute_m = joint_errors_m(estimate_m, reference_m)

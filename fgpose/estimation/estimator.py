@@ -12,6 +12,7 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.evidence.image_checks.checks import ImageChecks
 from fgpose.estimation.evidence.image_checks.left_out import left_out_px, showing_left_out
+from fgpose.estimation.evidence.inputs import check_known
 from fgpose.estimation.evidence.plausibility import without_clipped
 from fgpose.estimation.online.arrivals import Turns, check_frame, check_later, one_frame, one_image
 from fgpose.estimation.online.clock_jumps import SET_BACK, Ahead, SetBack
@@ -66,6 +67,7 @@ class Estimator(Exclusive):
         is_one_person: bool = False,
     ) -> None:
         super().__init__()
+        check_known("Estimator", rig, skeleton)
         refuse_changing(rig)
         warn_far_apart(rig)
         skeleton = as_skeleton(skeleton)

@@ -16,6 +16,7 @@ from fgpose.kinematics.definitions import angles_of
 from fgpose.kinematics.landmarks import landmarks, points_of
 from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.kinematics.quantities import Quantities
+from fgpose.shown.wrong_types import check_type
 from fgpose.skeleton import Skeleton
 from fgpose.skeletons import named_skeleton
 from fgpose.trajectory import Trajectory
@@ -86,7 +87,9 @@ def joint_angles(trajectory: Trajectory, world_up: WorldUp = "z") -> JointAngles
 
     Raises:
         ValueError: the skeleton determines no angle.
+        TypeError: it is no trajectory.
     """
+    check_type("joint_angles", "trajectory", trajectory, Trajectory)
     angles = angles_deg(trajectory, world_up)
     angle_deg = np.stack(list(angles.values()), axis=-1)
     sigma_deg = np.full_like(angle_deg, np.nan)

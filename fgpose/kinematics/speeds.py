@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from fgpose.kinematics.motion import centre_m, speeds_m_s
 from fgpose.kinematics.quantities import Quantities
+from fgpose.shown.wrong_types import check_type
 from fgpose.trajectory import Trajectory
 
 CENTRE = "centre"
@@ -47,7 +48,9 @@ def joint_speeds(trajectory: Trajectory) -> JointSpeeds:
 
     Raises:
         ValueError: the times do not increase.
+        TypeError: it is no trajectory.
     """
+    check_type("joint_speeds", "trajectory", trajectory, Trajectory)
     speeds = speeds_m_s(with_centre_m(trajectory), trajectory.time_s)
     return JointSpeeds((*trajectory.skeleton.joints, CENTRE), trajectory.time_s, speeds, trajectory.frame_numbers)
 

@@ -13,6 +13,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import nearest_axis
 from fgpose.kinematics.vertical import find_up
 from fgpose.sampling import thinning
+from fgpose.shown.wrong_types import check_type
 from fgpose.trajectory import Trajectory
 from fgpose.viewer import open_recording
 from fgpose.viewer.onlooker import with_rig
@@ -24,6 +25,8 @@ _MOST_FRAMES = 5000
 
 def show(trajectory: Trajectory, rig: CameraRig | None, height_px: int) -> Any:
     """See Motion.show."""
+    if rig is not None:
+        check_type("show", "rig", rig, CameraRig)
     widgets = _widgets()
     if not trajectory.n_frames:
         raise ValueError("there is no frame to be shown")

@@ -113,6 +113,7 @@ class Motion(OverTime):
         Raises:
             ImportError: Rerun or its widget is not installed; the message says how to.
             ValueError: there is no frame.
+            TypeError: the rig is none.
         """
         from fgpose.notebook.viewer import show
 

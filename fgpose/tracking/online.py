@@ -11,6 +11,7 @@ from fgpose.association.follow import Follower
 from fgpose.association.identity.appearance import Resemblance
 from fgpose.association.track import Track, Tracked, TrackEvent
 from fgpose.config import Config
+from fgpose.estimation.evidence.inputs import check_known
 from fgpose.estimation.online.clock_jumps import ENOUGH_OF_ONE, FAR_S, SET_BACK, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.exclusive import Exclusive, exclusive
@@ -58,6 +59,7 @@ class Tracker(Exclusive):
         memory: TrackerMemory | None = None,
     ) -> None:
         super().__init__()
+        check_known("Tracker", rig, skeleton)
         skeleton = as_skeleton(skeleton)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._follower = Follower(rig, skeleton, self.config.tracking)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
+from fgpose.shown.wrong_types import check_type
 
 
 def check_inputs(function: str, observations: object, rig: object, wanted: type = Observations) -> None:
@@ -27,6 +28,12 @@ def check_inputs(function: str, observations: object, rig: object, wanted: type 
             f"{function} takes PeopleObservations; Observations is of one person: use smooth, or "
             f"{function}(PeopleObservations.of_one(observations), rig)"
         )
-    for what, given, kind in (("observations", observations, wanted), ("rig", rig, CameraRig)):
-        if not isinstance(given, kind):
-            raise TypeError(f"{function}: {what} must be {kind.__name__}, got {type(given).__name__}")
+    check_type(function, "observations", observations, wanted)
+    check_type(function, "rig", rig, CameraRig)
+
+
+def check_known(function: str, rig: object, skeleton: object) -> None:
+    """Raise TypeError, which says what to do, unless an online estimator is given a rig, and no rig as its skeleton."""
+    if isinstance(skeleton, CameraRig):
+        raise TypeError(f"{function} takes the rig first, then the skeleton: {function}(rig, skeleton)")
+    check_type(function, "rig", rig, CameraRig)

@@ -24,6 +24,7 @@ from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
+from fgpose.shown.wrong_types import check_type
 from fgpose.skeleton import Skeleton
 
 Points3dFrame = Literal["camera", "world"]
@@ -138,6 +139,7 @@ def load_recording(
     ignore_other_cameras: bool = False,
 ) -> Observations | PeopleObservations:
     """As load_people; of one person where that is all that the file can hold: it takes a sixth of the memory."""
+    check_type("load_observations", "rig", rig, CameraRig)
     path = Path(path)
     with naming(path):
         return _read(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)

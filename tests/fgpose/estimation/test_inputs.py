@@ -51,8 +51,46 @@ try:
 except TypeError as error:
     print(error)
 """
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    *said, of_skeleton = run.stdout.splitlines()
+    *said, of_skeleton = lines_of(program)
     names = ("smooth", "refine", "fuse", "smooth_people")
     assert said == [f"{name} takes the observations first, then the rig: {name}(observations, rig)" for name in names]
     assert of_skeleton == "a skeleton or its name is needed, got 17"
+
+
+def test_what_else_is_called_with_something_else() -> None:
+    program = """
+import numpy as np
+import fgpose
+rig, observations = fgpose.files.load_recording("balance_openpose")
+shape = 2, observations.skeleton.n_joints
+trajectory = fgpose.Trajectory(observations.skeleton, np.arange(2.0), np.zeros((*shape, 3)), np.zeros(shape, int))
+for call in (
+    lambda: fgpose.Estimator("body_25b", rig),
+    lambda: fgpose.people.Tracker("Calib.toml", "body_25b"),
+    lambda: fgpose.joint_angles(observations),
+    lambda: fgpose.kinematics.joint_speeds(observations),
+    lambda: fgpose.evaluate(trajectory, "truth.parquet"),
+    lambda: fgpose.load_observations("pose", "Calib.toml", fps=60.0),
+    lambda: trajectory.show(1),
+    lambda: fgpose.smooth(observations, "Calib.toml"),
+):
+    try:
+        call()
+    except TypeError as error:
+        print(error)
+"""
+    assert lines_of(program) == [
+        "Estimator takes the rig first, then the skeleton: Estimator(rig, skeleton)",
+        "Tracker: rig must be CameraRig, got str: fgpose.load_rig reads one from a file",
+        "joint_angles: trajectory must be Trajectory, got Observations: fgpose.smooth(observations, rig) gives one",
+        "joint_speeds: trajectory must be Trajectory, got Observations: fgpose.smooth(observations, rig) gives one",
+        "evaluate: reference must be Trajectory, got str: fgpose.load_trajectory reads one from a file",
+        "load_observations: rig must be CameraRig, got str: fgpose.load_rig reads one from a file",
+        "show: rig must be CameraRig, got int",
+        "smooth: rig must be CameraRig, got str: fgpose.load_rig reads one from a file",
+    ]
+
+
+def lines_of(program: str) -> list[str]:
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return run.stdout.splitlines()
