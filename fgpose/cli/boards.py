@@ -57,7 +57,7 @@ class Board:
 
     def run(self) -> None:
         from fgpose.calibration.board.board import load_board
-        from fgpose.calibration.board.drawing import save_board
+        from fgpose.calibration.board.drawing import PAPERS, largest_square_m, save_board
         from fgpose.io.made_by import check_result
 
         if self.output.suffix.lower() != ".pdf":
@@ -69,6 +69,13 @@ class Board:
         except ValueError as error:
             warnings.warn(f"{error}. As it is, it only tells lenses (--lenses-only)", stacklevel=2)
         sheet = save_board(board, self.output)
+        if sheet.name not in PAPERS:
+            a4_mm, a0_mm = (int(1e3 * largest_square_m(board, paper)) for paper in ("A4", "A0"))
+            warnings.warn(
+                f"{board.text} needs a sheet of {sheet.width_m:.2f} x {sheet.height_m:.2f} m, larger than A0. On A4 "
+                f"fit lengths of {a4_mm} mm in place of {1e3 * board.square_m:.6g} mm, on A0 of {a0_mm} mm",
+                stacklevel=2,
+            )
         console = new_console()
         size = f"{1e3 * sheet.width_m:.0f} x {1e3 * sheet.height_m:.0f} mm"
         console.print(f"{board.text} on {sheet.name} ({size}). Print it at 100 %.", soft_wrap=True)

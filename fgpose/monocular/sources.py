@@ -138,7 +138,8 @@ def open_sources(
 
 
 def _find(path: Path) -> dict[str, Path]:
-    """Videos and folders of images by their names, in natural order."""
+    """Videos and folders of images by their names, in natural order; a folder of nothing but the images of one camera
+    by its own name."""
     if path.is_file():
         return {path.stem: path}
     found: dict[str, Path] = {}
@@ -152,6 +153,8 @@ def _find(path: Path) -> dict[str, Path]:
             )
         if clip is not None:
             found[name] = clip
+    if not found and image_files(path):
+        return {path.absolute().name: path}
     if not found:
         raise ValueError(
             f"{path}: no videos; expected one video per camera (cam01.mp4), or one folder per camera with its images"

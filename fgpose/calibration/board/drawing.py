@@ -20,6 +20,7 @@ _SHEETS_M = {
     "A1": (0.594, 0.841),
     "A0": (0.841, 1.189),
 }
+PAPERS = tuple(_SHEETS_M)
 _MARGIN_M = 0.01  # what printers leave white, and detectors need around the board
 _TEXT_M = 0.004
 _RULER_M = 0.1
@@ -48,6 +49,17 @@ def sheet_of(board: Board) -> Sheet:
             if width_m <= sheet.width_m and height_m <= sheet.height_m:
                 return sheet
     return Sheet("own size", width_m, height_m)
+
+
+def largest_square_m(board: Board, paper: str) -> float:
+    """With squares, or a spacing of circles, of this side the board would just fit on A4 to A0."""
+    width_m, height_m = _extent_m(board)
+    short_m, long_m = _SHEETS_M[paper]
+    shares = (
+        min((across_m - 2 * _MARGIN_M) / width_m, (along_m - 2 * _MARGIN_M - 2 * _TEXT_M) / height_m)
+        for across_m, along_m in ((short_m, long_m), (long_m, short_m))
+    )
+    return board.square_m * max(shares)
 
 
 def board_pdf(board: Board) -> bytes:

@@ -228,4 +228,7 @@ def test_a_board_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     for board in ("chessboard:8x6:25mm", "circles:4x10:25mm"):
         assert main(["board", board, "-o", str(path)]) == 0
         assert f"warning: {board} looks the same after half a turn" in capsys.readouterr().err
+    assert main(["board", "chessboard:9x6:25cm", "-o", str(path)]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "needs a sheet of 2.52 x 1.78 m, larger than A0. On A4 fit lengths of 26 mm in place of 250 mm" in said
     assert "a board is written as .pdf" in failure(["board", "chessboard:9x6:25mm", "-o", "board.png"], capsys)

@@ -14,7 +14,7 @@ from fgpose.correspondences import NO_IMAGE, match_frames
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.monocular.clips import open_clip
-from fgpose.monocular.sources import open_sources
+from fgpose.monocular.sources import find_clips, open_sources
 
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresScene
@@ -40,6 +40,12 @@ def write_images(folder: Path, names: list[str], levels: list[int]) -> Path:
 
 
 # --- one camera ---
+
+
+def test_a_folder_of_nothing_but_images_is_one_camera(tmp_path: Path) -> None:
+    folder = write_images(tmp_path / "left", ["1.png", "2.png"], [20, 60])
+    (clip,) = find_clips(folder, fps=25.0)
+    assert (clip.name, clip.n_images) == ("left", 2)
 
 
 def test_a_video_is_probed_and_read_in_order(tmp_path: Path, video_writer: Writer) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from fgpose.calibration.board.board import load_board, parse_board
 from fgpose.calibration.board.detection import opencv_charuco
-from fgpose.calibration.board.drawing import board_pdf, save_board, sheet_of
+from fgpose.calibration.board.drawing import board_pdf, largest_square_m, save_board, sheet_of
 from fgpose.io.calibration.board_files import board_text
 
 _POINT_MM = 25.4 / 72
@@ -30,10 +31,21 @@ def test_units_and_the_default_dictionary() -> None:
     assert parse_board("chessboard:9x6:1in").square_m == pytest.approx(0.0254)
 
 
+@pytest.mark.parametrize("text", ["chessboard:9x6:25cm", "charuco:5x7:1m:0.7m", "circles:4x11:30cm"])
+@pytest.mark.parametrize("paper", ["A4", "A0"])
+def test_what_fits_on_a_paper(text: str, paper: str) -> None:
+    board = parse_board(text)
+    largest_m = largest_square_m(board, paper)
+    own = {"marker_m": 0.5 * largest_m} if board.kind == "charuco" else {}
+    assert sheet_of(replace(board, square_m=0.999 * largest_m, **own)).name == paper
+    assert sheet_of(replace(board, square_m=1.001 * largest_m, **own)).name != paper
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("aruco:7x5:30mm", "a board is described as charuco:7x5"),
+        ("chesboard:9x6:25mm", "got 'chesboard:9x6:25mm' (did you mean chessboard?)"),
         ("chessboard:9x6", "does not have the parts of a chessboard board"),
         ("chessboard:9:25mm", "columns and rows are written as 7x5, got '9'"),
         ("chessboard:9x6:25", "a length has a unit, as 30mm, 3cm, 0.03m or 1.2in, got '25'"),
