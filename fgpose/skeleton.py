@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from fgpose.shown import Shown
 from fgpose.shown.unknown_names import did_you_mean
 
 MAX_JOINTS = 4096  # so many numbers are reserved for each frame in the keys of the graph (estimation/keys.py)
@@ -46,8 +47,8 @@ class BodyPart:
         return (self.hangs_on[0], *self.joints) if self.is_joined else self.carried_by or self.joints
 
 
-@dataclass(frozen=True, init=False)
-class Skeleton:
+@dataclass(frozen=True, init=False, repr=False)
+class Skeleton(Shown):
     """The joints of a body and what is known of it before any measurement.
 
     Joints are named; everything else refers to them by index, or by name when it is given: root="pelvis",

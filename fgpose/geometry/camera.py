@@ -26,8 +26,8 @@ REFERENCE_FOCAL_PX = 1145.0
 _MIN_DEPTH_M = 1e-6  # keeps the division by the depth finite
 
 
-@dataclass(frozen=True, eq=False)
-class Camera:
+@dataclass(frozen=True, eq=False, repr=False)
+class Camera(Shown):
     """One calibrated camera.
 
     Raises:

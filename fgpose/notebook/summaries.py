@@ -8,13 +8,14 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.evaluation import Evaluation
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.kinematics.quantities import Quantities
 from fgpose.notebook.picture import strip
 from fgpose.notebook.summary import Summary, counted, listed, percent
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
 from fgpose.sampling import frames_per_second
+from fgpose.skeleton import Skeleton
 from fgpose.tracking.batch import SmoothedPeople
 from fgpose.trajectory import Estimate, Status, Trajectory
 
@@ -111,6 +112,36 @@ def _(rig: CameraRig) -> Summary:
     }
     columns = ("camera", "size [px]", "focal length [px]", "position [m]", "lens", "time offset [ms]")
     return Summary(f"CameraRig: {counted(rig.n_cameras, 'camera')}", _known(facts), columns, rows)
+
+
+@summary.register
+def _(camera: Camera) -> Summary:
+    (fx, fy), (cx, cy) = camera.K[[0, 1], [0, 1]].tolist(), camera.K[:2, 2].tolist()
+    facts = {
+        "focal length": f"{fx:.1f}, {fy:.1f} px",
+        "principal point": f"{cx:.1f}, {cy:.1f} px",
+        "distortion": ", ".join(f"{each:.3g}" for each in camera.distortion.tolist()),
+        "position": ", ".join(f"{axis:.2f}" for axis in camera.position_m.tolist()) + " m",
+        "looks along": ", ".join(f"{axis:.2f}" for axis in camera.world_T_camera[:3, 2].tolist()),
+        "time offset": f"{1000 * camera.time_offset_s:.1f} ms" if camera.time_offset_s else "",
+        "clock drift": f"{1000 * camera.clock_drift:.3g} ms/s" if camera.clock_drift else "",
+        "moved": counted(len(camera.moves), "time") if camera.moves else "",
+        "clock jumps": str(len(camera.clock_jumps) or ""),
+    }
+    size = "{} x {} px".format(*camera.size_px)
+    return Summary(f"Camera: {camera.name}, {size}, {camera.lens}", _known(facts))
+
+
+@summary.register
+def _(skeleton: Skeleton) -> Summary:
+    rows = [(str(number), joint) for number, joint in enumerate(skeleton.joints)]
+    facts = {
+        "": listed(skeleton.joints),
+        "root": " and ".join(skeleton.joints[joint] for joint in skeleton.root),
+        "parts": ", ".join(f"{part.name} ({counted(len(part.joints), 'joint')})" for part in skeleton.parts),
+    }
+    what = f"{counted(skeleton.n_joints, 'joint')}, {counted(len(skeleton.bones), 'bone')}"
+    return Summary(f"Skeleton: {skeleton.name}, {what}", _known(facts), ("number", "joint"), rows)
 
 
 @summary.register

@@ -36,6 +36,8 @@ def things() -> dict[str, Any]:
     people = fgpose.people.PeopleObservations.of_one(observations)
     return {
         "CameraRig": rig,
+        "Camera": rig["cam_01"],
+        "Skeleton": fgpose.load_skeleton("coco_wholebody_133"),
         "Observations": observations,
         "PeopleObservations": people,
         "Trajectory": trajectory,
@@ -56,6 +58,8 @@ KINDS = pytest.mark.parametrize(
     "kind",
     [
         "CameraRig",
+        "Camera",
+        "Skeleton",
         "Observations",
         "PeopleObservations",
         "Trajectory",
@@ -97,6 +101,8 @@ def test_the_facts_are_those_of_the_thing() -> None:
     assert "cam_01, cam_02" in repr(trajectory).replace("\n ", "")
     assert "12.00" not in repr(recording()[0])
     assert "4 cameras" in repr(recording()[0])
+    assert repr(recording()[0]["cam_01"]).startswith("Camera: cam_01, 1088 x 1920 px, pinhole\n  focal length 1681.2,")
+    assert repr(trajectory.skeleton).startswith("Skeleton: body_25b, 25 joints, 24 bones\n  nose, left_eye, ")
 
 
 def test_long_lists_and_empty_things_have_three_lines_too() -> None:
