@@ -124,8 +124,8 @@ def parse_board(text: str) -> Board:
     lengths with mm, cm, m or in. Raises ValueError, which says what is wrong with it."""
     kind, *parts = text.strip().split(":")
     n_lengths = 2 if kind == "charuco" else 1
-    if kind not in (kinds := get_args(BoardKind)):
-        meant = "".join(f" (did you mean {near}?)" for near in nearest(kind, kinds))
+    if kind not in ("charuco", "chessboard", "circles"):
+        meant = "".join(f" (did you mean {near}?)" for near in nearest(kind, get_args(BoardKind)))
         raise ValueError(f"a board is described as {FORMS}, or by a file (.toml, .yaml), got {text!r}{meant}")
     if not n_lengths < len(parts) <= n_lengths + 1 + (kind == "charuco"):
         raise ValueError(f"{text!r} does not have the parts of a {kind} board; boards are described as {FORMS}")

@@ -36,9 +36,10 @@ def test_units_and_the_default_dictionary() -> None:
 def test_what_fits_on_a_paper(text: str, paper: str) -> None:
     board = parse_board(text)
     largest_m = largest_square_m(board, paper)
-    own = {"marker_m": 0.5 * largest_m} if board.kind == "charuco" else {}
-    assert sheet_of(replace(board, square_m=0.999 * largest_m, **own)).name == paper
-    assert sheet_of(replace(board, square_m=1.001 * largest_m, **own)).name != paper
+    for share, fits in ((0.999, True), (1.001, False)):
+        square_m = share * largest_m
+        marker_m = 0.5 * square_m if board.kind == "charuco" else 0.0
+        assert (sheet_of(replace(board, square_m=square_m, marker_m=marker_m)).name == paper) is fits
 
 
 @pytest.mark.parametrize(
