@@ -60,12 +60,14 @@ def _said(content: bytes, path: Path) -> tuple[str, str]:
 
 
 def _of_table(path: Path) -> tuple[str, str]:
+    if {"camera", "joint", "x_px"} <= column_names(path):
+        return _DETECT, ""
     origin = load_origin(path)
     if origin is not None:
         # Before there was a step, there was the command.
         step = origin.step or (re.findall(r"^fgpose ([a-z]+)", origin.command) or [""])[0]
         return step, origin.recording
-    return _DETECT if {"camera", "joint", "x_px"} <= column_names(path) else "", ""
+    return "", ""
 
 
 def _of_archive(path: Path) -> tuple[str, str]:
