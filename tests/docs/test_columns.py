@@ -177,5 +177,5 @@ def test_the_columns_of_quality() -> None:
     """Those of a row of a recording that is done; what is of the table itself stands in its code."""
     of_row = inspect.getsource(Tables.add)
     of_table = set(re.findall(r'"(\w+)": ', of_row)) | set(re.findall(r'row\["(\w+)"\]', of_row))
-    numbers = {field.name for field in fields(Quality)} - {"name"} | {"n_suspicions"}
+    numbers = {field.name for field in fields(Quality)} - {"name", "unknown"} | {"n_suspicions"}
     assert set(described()["Quality of a study: `quality.csv`, `quality.parquet`"]) == of_table | numbers
