@@ -75,7 +75,7 @@ class MotionLags:
                 self._rig.names[c]: lag for c, lag in suspects.items() if lag.left_mrad <= _NOT_BETTER * least_mrad
             }
             for name, lag in alike.items():
-                self.faults.setdefault(name, _in_words(lag.lag_s, [other for other in alike if other != name]))
+                self.faults.setdefault(name, in_words(lag.lag_s, [other for other in alike if other != name]))
         for name, lag in zip(self._rig.names, lags, strict=True):
             if lag is not None and lag.lag_s == 0:
                 self.faults.pop(name, None)
@@ -191,7 +191,8 @@ def _median(values: Float[np.ndarray, "*shape joint"]) -> Float[np.ndarray, "*sh
     return np.take_along_axis(in_order, np.maximum(n_known - 1, 0)[..., None] // 2, axis=-1)[..., 0]
 
 
-def _in_words(lag_s: float, others: Sequence[str]) -> str:
+def in_words(lag_s: float, others: Sequence[str]) -> str:
+    """What is said of a camera whose images are so much later than their times, or of others, by name, in its place."""
     or_another = f" (or it is {' or '.join(others)}: it cannot be told which)" if others else ""
     return (
         f"it sees people where they {'will be in' if lag_s > 0 else 'were'} {abs(lag_s):.1f} s"
