@@ -73,7 +73,7 @@ class Follower:
         self._lost = Lost(self._config.forget_s) if lost is None else lost
         self._encounters, self._looks_back = Encounters(self._lost.builds), looks_back
         self.exchanged: list[Finding] = []
-        """Who was found to be exchanged."""
+        """Who got the numbers of before again; of who looks back."""
         self.resemblance = Resemblance()
         self._blind, self._frozen = Blind(rig.names), FrozenCameras()
         self.person_of_track: dict[int, int] = {}
@@ -282,10 +282,9 @@ class Follower:
         for who, beside in ((one.person, other.person), (other.person, one.person)):
             why = f"with {beside}: {finding.reason}"
             self.events.append(TrackEvent(now_s, who, finding.settled.value, why, beside=beside))
-        if finding.settled is Settled.EXCHANGED:
+        if finding.settled is Settled.EXCHANGED and self._looks_back:
             self.exchanged.append(finding)
-            if self._looks_back:
-                one.exchange_numbers(other)
+            one.exchange_numbers(other)
 
     def _confirm(self, track: Track, now_s: float) -> None:
         track.state, track.confirmed_s = TrackState.CONFIRMED, now_s
