@@ -71,12 +71,14 @@ def _rows(trajectory: Trajectory, config: Config) -> JointRows:
         return Symmetries(
             pairs.T, np.asarray(active[:, pairs].all(axis=-1)), np.full(len(pairs), config.symmetry.sigma_m)
         )
-    bones = np.array(skeleton.bones, dtype=int).reshape(-1, 2)
+    bones = skeleton.bone_ends
     lengths_m = trajectory.bone_lengths_m
     lengths_m = median_lengths(skeleton, positions_m) if lengths_m is None else lengths_m
     of_bones_m = lengths_m[list(skeleton.length_of_bone)]
-    present = np.asarray(active[:, bones].all(axis=-1) & np.isfinite(of_bones_m))
-    return KnownLengths(bones.T, present, np.full(len(bones), config.symmetry.sigma_m), np.nan_to_num(of_bones_m))
+    present = np.asarray(active[:, bones].all(axis=1) & np.isfinite(of_bones_m))
+    return KnownLengths(
+        bones, present, np.full(len(skeleton.bones), config.symmetry.sigma_m), np.nan_to_num(of_bones_m)
+    )
 
 
 def _motion(

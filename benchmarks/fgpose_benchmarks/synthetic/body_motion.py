@@ -144,7 +144,7 @@ def _poses_of(motion: Motion, skeleton: Skeleton) -> tuple[Poses, Float[np.ndarr
     to_left_m = positions_m[:, skeleton.index("left_hip")] - positions_m[:, skeleton.index("right_hip")]
     yaw = np.unwrap(np.arctan2(-to_left_m[:, 0], to_left_m[:, 1]))
     yaw = gaussian_filter1d(yaw, _YAW_SIGMA_S * fps, mode="nearest")
-    start, end = np.array(skeleton.bones).T
+    start, end = skeleton.bone_ends
     bone_m = positions_m[:, end] - positions_m[:, start]
     direction = turned(bone_m / np.linalg.norm(bone_m, axis=-1, keepdims=True), -yaw[:, None])
     ankles = [skeleton.index("left_ankle"), skeleton.index("right_ankle")]

@@ -67,7 +67,7 @@ class Lengths:
         """
         if not skeleton.bones:
             return Lengths.none(skeleton.n_lengths)
-        a, b = np.array(skeleton.bones).T
+        a, b = skeleton.bone_ends
         covariance_m2 = pose.covariance[0, :, :3, :3]
         is_known = np.trace(covariance_m2, axis1=-2, axis2=-1) / 3 < _KNOWN_M**2
         along_m = pose.positions_m[0, a] - pose.positions_m[0, b]

@@ -84,12 +84,12 @@ class DistanceFilter:
         last: Float[np.ndarray, "bone 3"],
     ) -> None:
         self._posture, self._last = posture, last
-        self._bones = np.array(skeleton.bones, dtype=int).reshape(-1, 2)
+        self._bone_ends = skeleton.bone_ends
         self._length_m = lengths_m[np.array(skeleton.length_of_bone, dtype=int)]
         chains, self._bone_of_joint = _chains(skeleton)
         self._held = self._bone_of_joint >= 0
         n = skeleton.n_joints
-        own_length_m = self._length_m[self._bone_of_joint] if len(self._bones) else np.full(n, np.nan)
+        own_length_m = self._length_m[self._bone_of_joint] if skeleton.bones else np.full(n, np.nan)
         own_length_m = np.where(np.isnan(own_length_m), _UNKNOWN_LENGTH_M, np.maximum(own_length_m, _SHORTEST_M))
         self._scale_m = np.where(self._held, own_length_m, 0.0)
         self._rows = np.hstack([chains, np.zeros((n, 1))])  # make distances from a state
@@ -163,7 +163,7 @@ class DistanceFilter:
 
     def _take_bones(self, sight: Sight, step_s: float) -> None:
         """The squared lengths of all bones that the camera sees as a whole."""
-        start, end = self._bones.T
+        start, end = self._bone_ends
         known = np.asarray(np.isfinite(sight.rays).all(axis=-1))
         seen = known[start] & known[end] & np.isfinite(self._length_m)
         start, end, length_m = start[seen], end[seen], self._length_m[seen]
