@@ -50,15 +50,19 @@ def _is_of_few_seconds(fit: ClockFit) -> bool:
     """Whether a second or two may be all that it is made of: where a detector misses the person for moments, all joints
     suit some lag, of each moment another one; and of a few of them some line. Of who stands still and then moves, the
     second between suits some jump."""
-    without_best = np.delete(fit.gain, np.argmax(fit.gain))
+    without_best = _without_best(fit.gain)
     if fit.kind is Kind.JUMP:
         parts = zip((0, *fit.firsts), (*fit.firsts, len(fit.lag)), strict=True)
         late = [fit.gain[first:end] for first, end in parts if abs(fit.lag[first]) > _LATE_STEPS]
-        if any(score(np.delete(gain, np.argmax(gain))) < _SIGMAS for gain in late):
+        if any(score(_without_best(gain)) < _SIGMAS for gain in late):
             return True
     of_one = fit.kind is not Kind.OFFSET and score(without_best) < _SCORE
     gain = without_best if fit.kind is Kind.JUMP else fit.gain
     return of_one or float(gain.sum()) < _SIGMAS * fit.by_chance
+
+
+def _without_best(gain: Float[np.ndarray, " block"]) -> Float[np.ndarray, " other"]:
+    return np.delete(gain, np.argmax(gain))
 
 
 def holds(fit: PoseFit | LensFit) -> bool:

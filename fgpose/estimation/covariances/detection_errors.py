@@ -119,8 +119,9 @@ class TellingDetections:
         both = Parity.of(residual, jacobian, good | near) if near.any() else alone
         return TellingDetections((alone, both), float(near.sum()), float(far.sum() - near.sum()))
 
-    def times(self, factor: Float[np.ndarray, " frame"]) -> TellingDetections:
-        """With residuals so many times as large; where that is nothing, they tell nothing."""
+    def in_sizes(self, sizes: Float[np.ndarray, " frame"]) -> TellingDetections:
+        """With errors in these variances of each frame; where that is 0, they tell nothing."""
+        factor = np.divide(1.0, np.sqrt(sizes), out=np.zeros_like(sizes), where=sizes > 0)
         alone, both = (each.times(factor[:, None, None]) for each in self.parities)
         return replace(self, parities=(alone, both))
 

@@ -69,8 +69,7 @@ def covariance_of_errors_m2(
         lasting_in_views = _lasting_in_views(segment, linearized, telling)
         deviations, lasting = Deviations.none(linearized), 0.0
         for sizes in _kinds(segment, positions_m, _sizes(telling, step_s)):
-            of_kind = telling.times(np.divide(1.0, np.sqrt(sizes), out=np.zeros_like(sizes), where=sizes > 0))
-            components = _components(segment, of_kind, step_s)
+            components = _components(segment, telling.in_sizes(sizes), step_s)
             lasting = lasting + np.mean(sizes > 0) * components.lasting
             deviations += Deviations.of(linearized, components, bias_share, step_s, rng, lasting_in_views, sizes)
         in_graph_m2 = covariance_m2[:, joints]
