@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.board.adjusting import AdjustedBoards, adjust, again_without, view_rms_px, wrong_views
 from fgpose.calibration.board.lens import N_COEFFICIENTS, N_OF_LENS, LensKind, matrix_of, numbers_of
-from fgpose.calibration.board.problem import BoardBundle
+from fgpose.calibration.board.problem import BoardBundle, BoardProblem
 from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.lens import LensModel, without_distortion
@@ -96,13 +96,18 @@ def _climbed(sightings: BoardSightings, ladder: Sequence[LensKind]) -> AdjustedB
     best = min(found, key=lambda each: each.criterion)
     if best.kinds[0] == ladder[-1] and best.kinds[0].model == "pinhole":
         best = _rational(best)
-    stretched = adjust(sightings, [replace(best.kinds[0], square=False)], best.bundle)
+    stretched_kind = replace(best.kinds[0], square=False)
+    if _gain(best, stretched_kind) < _ADVANTAGE:
+        return best
+    stretched = adjust(sightings, [stretched_kind], best.bundle)
     return stretched if stretched.criterion < best.criterion - _ADVANTAGE else best
 
 
 def _rational(best: AdjustedBoards) -> AdjustedBoards:
     """With the rational model instead, if it explains the views clearly better and those of either half with the lens
     of the other half too, and can be undone all over the image."""
+    if _gain(best, _RATIONAL) < _ADVANTAGE:
+        return best
     found = adjust(best.sightings, [_RATIONAL], best.bundle)
     if not found.converged or found.criterion > best.criterion - _ADVANTAGE or not _is_invertible(found):
         return best
@@ -111,6 +116,15 @@ def _rational(best: AdjustedBoards) -> AdjustedBoards:
         if not _left_out_px2(found, fitted) < _left_out_px2(best, fitted):
             return best
     return found
+
+
+def _gain(adjusted: AdjustedBoards, kind: LensKind) -> float:
+    """By how much another kind of lens would lower the sum of the squares of the errors in standard deviations, as far
+    as they are linear (the score test). It costs one step, where the adjustment costs dozens."""
+    problem = BoardProblem(adjusted.sightings, [kind], adjusted.problem.sigma_px)
+    gradient = problem.gradient(adjusted.bundle)
+    equations = problem.factorized(adjusted.bundle, damping=0.0)
+    return float(gradient @ equations.solve(gradient)) if equations else np.inf
 
 
 def _left_out_px2(adjusted: AdjustedBoards, fitted: Bool[np.ndarray, " moment"]) -> float:
