@@ -335,6 +335,9 @@ class Estimate(Shown):
     other_bone: OtherBone | None = None
     """Why the lengths that were given (Estimator.know), or learned so far, are not used any more: somebody else is
     there, or limbs were guessed. The lengths were wrong until then, or are now."""
+    velocity_mps: Float[np.ndarray, " 3"] | None = None
+    """How the body as a whole moves in the world: the median over its joints. None without a motion model, of nobody,
+    and of an estimate that is one lag old."""
     newly_smoothed: tuple[Estimate, ...] = ()
     """Of all frames that this update made one lag old, the oldest first: each once. Where intervals are uneven an
     update has none or several. The last one is smoothed."""

@@ -28,6 +28,7 @@ class Estimates:
         self, n_cameras: int, skeleton: Skeleton, config: Config, lengths: RunningLengths, late_s: float
     ) -> None:
         self._skeleton, self._config, self._lengths, self._late_s = skeleton, config.online, lengths, late_s
+        self._knows_velocities = config.motion.model != "none"
         self._covariances = OnlineCovariances(n_cameras, skeleton, config)
         self._newly_smoothed: list[Estimate] = []
         self._smoothed_frame = -1
@@ -68,7 +69,13 @@ class Estimates:
             n_repairs=window.repairs,
             bone_lengths=self._lengths.learned,
             other_bone=self._lengths.other_bone,
+            velocity_mps=self._velocity_mps(state),
         )
+
+    def _velocity_mps(self, state: FrameState) -> Float[np.ndarray, " 3"] | None:
+        if not (self._knows_velocities and state.active.any()):
+            return None
+        return np.median(state.velocities_mps[state.active], axis=0)
 
     def _lagged(self, window: Window, rig: CameraRig) -> Estimate | None:
         state = window.lagged

@@ -12,7 +12,7 @@ from fgpose.association.track import Tracked, TrackState
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status
 
-# ISO 13855 takes people to walk at up to 1.6 m/s: as two standard deviations.
+# Limbs, and people who begin to walk, which ISO 13855 takes to be at up to 1.6 m/s: as two standard deviations.
 _SIGMA_MPS = 0.8
 
 
@@ -95,6 +95,8 @@ class LivePerson:
     former: int | None = None
     """Their number in the frames before they were recognised; it is not used again. Every frame says so while they are
     followed, for a consumer may miss the first. None: it has not changed."""
+    velocity_mps: np.ndarray | None = None
+    """(3,) of the body as a whole, see fgpose.Estimate; None: not known."""
 
     @staticmethod
     def of(tracked: Tracked) -> LivePerson:
@@ -115,15 +117,19 @@ class LivePerson:
             ),
             is_provisional=tracked.is_provisional,
             former=tracked.former,
+            velocity_mps=estimate.velocity_mps,
         )
 
     def coasting(self, unseen_s: float) -> LivePerson:
-        """When no image has told anything for this long: they may have gone anywhere."""
+        """When no image has told anything for this long: where they were, but they may have gone on as they went, or
+        anywhere."""
         known = np.asarray(self.status != Status.UNOBSERVABLE)
+        went_mps = np.zeros(3) if self.velocity_mps is None else self.velocity_mps
+        moved_m2 = unseen_s**2 * (_SIGMA_MPS**2 * np.eye(3) + np.outer(went_mps, went_mps))
         return replace(
             self,
             state=TrackState.COASTING,
-            covariance_m2=self.covariance_m2 + (_SIGMA_MPS * unseen_s) ** 2 * np.eye(3),
+            covariance_m2=self.covariance_m2 + moved_m2,
             status=np.where(known, Status.PREDICTED, Status.UNOBSERVABLE).astype(np.int8),
             probability=np.zeros_like(self.probability),
         )

@@ -117,9 +117,12 @@ def test_without_images_people_may_be_anywhere_and_nothing_is_observed(fed: tupl
     for before, after in zip(seen.people, silent.people, strict=True):
         assert after.state is TrackState.COASTING
         known = np.isfinite(before.positions_m).all(axis=-1)
-        # 0.8 m in every direction after a second: somebody who walks at 1.6 m/s is within two standard deviations.
+        # 0.8 m in every direction after a second: somebody who walks at 1.6 m/s is within two standard deviations. And
+        # along their way as far as they would have gone.
+        assert before.velocity_mps is not None
         grown_m2 = np.linalg.eigvalsh(after.covariance_m2[known] - before.covariance_m2[known])
-        np.testing.assert_allclose(grown_m2, (0.8 * (1.0 + DELAY_S)) ** 2, rtol=1e-6)
+        squares = np.array([0.0, 0.0, np.sum(before.velocity_mps**2)]) + 0.8**2
+        np.testing.assert_allclose(grown_m2, np.tile((1.0 + DELAY_S) ** 2 * squares, (known.sum(), 1)), rtol=1e-6)
         assert not after.probability.any()
 
 
