@@ -205,7 +205,11 @@ class BoardProblem:
         residual, jacobian = self._linearized(state)
         products, pull = jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("tcr,tcrk->tck", residual, jacobian)
         by_shared = self.columns.reshape(len(self._kinds), N_OF_CAMERA, self.n_shared)
-        information = np.einsum("cks,tckl,clq->tsq", by_shared, products[..., :-6, :-6], by_shared, optimize=True)
+        information = np.zeros((len(products), self.n_shared, self.n_shared))
+        for c, block in enumerate(by_shared):
+            own = np.flatnonzero(block.any(axis=0))
+            of_camera = block[:, own].T @ products[:, c, :-6, :-6] @ block[:, own]
+            information[:, own[:, None], own] = of_camera
         cross, boards = self._of_boards(products)
         taken = cross @ np.linalg.inv(boards)
         information -= taken @ cross.swapaxes(1, 2)
