@@ -59,6 +59,7 @@ from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
 from fgpose.kinematics.vertical import find_up
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
+from fgpose.shown.wrong_types import check_type
 from fgpose.trajectory import Trajectory
 
 InputCheck = Callable[[Examined], list[Finding]]
@@ -173,8 +174,10 @@ def diagnose(
             nobody is followed (Source.with_unfollowed); None: there is no such camera.
 
     Raises:
+        TypeError: the rig is none.
         ValueError: the cameras of the recording and of the rig, or the people of the result, differ.
     """
+    check_type("diagnose", "rig", rig, CameraRig)
     config = config or Config()
     if not isinstance(recording, Association):
         # As the estimators take them.

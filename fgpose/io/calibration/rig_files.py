@@ -25,6 +25,7 @@ from fgpose.io.formats import RigFormat as AddedFormat
 from fgpose.io.formats import recognised
 from fgpose.io.mistaken import refuse_folder_of_keypoints
 from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
+from fgpose.shown.wrong_types import check_type
 
 RigFormat = Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"]
 _Writer = Callable[[CameraRig, Path, CalibrationOrigin | None], None]
@@ -179,9 +180,11 @@ def save_rig(
         UserWarning: there are time offsets, and the format has none.
 
     Raises:
+        TypeError: it is no rig.
         ValueError: the extension does not fit the format, or the format cannot hold a camera (a fisheye lens, a name).
         OSError: the file cannot be written.
     """
+    check_type("save_rig", "rig", rig, CameraRig)
     path = Path(path)
     writer = _WRITERS[check_format(path, file_format)]
     with naming(path):

@@ -25,6 +25,7 @@ from fgpose.io.skeletons.tables import skeleton_to_json
 from fgpose.io.tables import names, nullable, numbers, read_table, write_table
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
+from fgpose.shown.wrong_types import check_type
 from fgpose.skeleton import Skeleton
 
 if TYPE_CHECKING:
@@ -90,9 +91,11 @@ def save_observations(observations: Observations, path: str | Path) -> None:
     Both hold the skeleton, as JSON.
 
     Raises:
+        TypeError: these are no observations.
         ValueError: the extension is neither .npz nor .parquet.
         OSError: the file cannot be written.
     """
+    check_type("save_observations", "observations", observations, Observations)
     path = Path(path)
     writers = {".npz": _write_npz, ".parquet": _write_parquet}
     if path.suffix not in writers:

@@ -21,6 +21,7 @@ from fgpose.io.trajectories.result_table import frame_numbers, numbered, result_
 from fgpose.io.trajectories.trc import write_trc
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.plain_files import naming
+from fgpose.shown.wrong_types import check_type
 from fgpose.trajectory import Trajectory
 
 EXTENSIONS = (".parquet", ".npz", ".csv", ".trc", ".c3d")
@@ -60,10 +61,12 @@ def save_trajectory(
         UserWarning: auto found another axis up than z, or is in doubt; it says why.
 
     Raises:
+        TypeError: it is no trajectory.
         ValueError: the extension is none of these, or the format cannot hold the trajectory.
         ImportError: C3D without ezc3d.
         OSError: the file cannot be written.
     """
+    check_type("save_trajectory", "trajectory", trajectory, Trajectory)
     _write({0: trajectory}, {0: numbered(trajectory)}, Path(path), world_up, origin)
 
 

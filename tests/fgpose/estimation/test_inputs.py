@@ -61,6 +61,7 @@ def test_what_else_is_called_with_something_else() -> None:
     program = """
 import numpy as np
 import fgpose
+from fgpose.diagnosis import diagnose
 rig, observations = fgpose.files.load_recording("balance_openpose")
 shape = 2, observations.skeleton.n_joints
 trajectory = fgpose.Trajectory(observations.skeleton, np.arange(2.0), np.zeros((*shape, 3)), np.zeros(shape, int))
@@ -73,6 +74,11 @@ for call in (
     lambda: fgpose.load_observations("pose", "Calib.toml", fps=60.0),
     lambda: trajectory.show(1),
     lambda: fgpose.smooth(observations, "Calib.toml"),
+    lambda: fgpose.save_trajectory("pose.parquet", trajectory),
+    lambda: fgpose.save_trajectory(observations, "pose.parquet"),
+    lambda: fgpose.files.save_rig(observations, "Calib.toml"),
+    lambda: fgpose.save_observations(trajectory, "pose.parquet"),
+    lambda: diagnose(rig, observations),
 ):
     try:
         call()
@@ -88,6 +94,11 @@ for call in (
         "load_observations: rig must be CameraRig, got str: fgpose.load_rig reads one from a file",
         "show: rig must be CameraRig, got int",
         "smooth: rig must be CameraRig, got str: fgpose.load_rig reads one from a file",
+        "save_trajectory: trajectory must be Trajectory, got str: fgpose.load_trajectory reads one from a file",
+        "save_trajectory: trajectory must be Trajectory, got Observations: fgpose.smooth(observations, rig) gives one",
+        "save_rig: rig must be CameraRig, got Observations",
+        "save_observations: observations must be Observations, got Trajectory",
+        "diagnose: rig must be CameraRig, got Observations",
     ]
 
 
