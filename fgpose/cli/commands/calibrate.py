@@ -201,10 +201,16 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
     def _has_videos(self) -> bool:
         """Or keypoints. Raises ValueError if it has neither."""
         from fgpose.io.keypoints import keypoint_cameras
+        from fgpose.monocular.image_files import image_files
         from fgpose.monocular.sources import has_videos
 
         if has_videos(self.recording):
             return True
+        if self.recording.is_dir() and image_files(self.recording):
+            raise ValueError(
+                f"{self.recording}: the images of one camera, and people tell of cameras that see them together: "
+                "give the folder with a folder for each camera, or --board with --lenses-only for the lens alone"
+            )
         try:
             keypoint_cameras(self.recording)
         except ValueError as error:

@@ -23,7 +23,7 @@ from fgpose.io.calibration.calibration_origin import CalibrationOrigin
 from fgpose.io.content import read_content
 from fgpose.io.formats import RigFormat as AddedFormat
 from fgpose.io.formats import recognised
-from fgpose.io.mistaken import refuse_folder_of_keypoints
+from fgpose.io.mistaken import refuse_folder_of_keypoints, refuse_recording
 from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
 from fgpose.shown.wrong_types import check_type
 
@@ -84,6 +84,7 @@ def _read(path: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
     if not start:
         raise ValueError("the file is empty")
+    refuse_recording(path)
     if content.startswith(b"PK"):
         return npz_format.read(path), "m"
     if xml_formats.is_xml(content):

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 import pytest
 from calibrated_walks import FPS, Chain, failure, named, seen_px, true_rig, write_openpose
@@ -156,6 +157,9 @@ def test_what_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "no keypoints" in line
     assert "nor is there a video" in line
     assert "no such file" in failure(["calibrate", str(tmp_path / "absent"), "-o", str(tmp_path / "rig.toml")], capsys)
+    (tmp_path / "cam1").mkdir()
+    cv2.imwrite(str(tmp_path / "cam1" / "0001.png"), np.zeros((8, 8), np.uint8))
+    assert "the images of one camera" in failure(["calibrate", str(tmp_path / "cam1"), "-o", "rig.toml"], capsys)
     (tmp_path / "mine").mkdir()
     for camera in ("cam1", "cam2"):
         images = [{"frame_id": 0, "instances": [{"keypoints": [[1, 2]] * 25, "keypoint_scores": [0.9] * 25}]}]

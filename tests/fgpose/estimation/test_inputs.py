@@ -77,7 +77,7 @@ for call in (
     lambda: fgpose.save_trajectory("pose.parquet", trajectory),
     lambda: fgpose.save_trajectory(observations, "pose.parquet"),
     lambda: fgpose.files.save_rig(observations, "Calib.toml"),
-    lambda: fgpose.save_observations(trajectory, "pose.parquet"),
+    lambda: fgpose.files.save_observations(trajectory, "pose.parquet"),
     lambda: diagnose(rig, observations),
 ):
     try:

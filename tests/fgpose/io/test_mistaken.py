@@ -69,6 +69,16 @@ def test_exchanged_keypoints_and_calibration_are_said_to_be_that(tmp_path: Path)
         load_observations(rig, RIG, fps=60.0)
 
 
+def test_a_recording_is_no_calibration(result: Path, tmp_path: Path) -> None:
+    if result.suffix != ".trc":
+        keypoints = tmp_path / f"seen{result.suffix}"
+        save_observations(SEEN, keypoints)
+        with pytest.raises(ValueError, match=f"seen{result.suffix}: these are keypoints, not a calibration"):
+            load_rig(keypoints)
+    with pytest.raises(ValueError, match=f"result{result.suffix}: this is a result, not a calibration"):
+        load_rig(result)
+
+
 def test_lenses_are_no_calibration(tmp_path: Path) -> None:
     write_lenses(RIG, tmp_path / "lenses.toml")
     with pytest.raises(
