@@ -73,8 +73,11 @@ def fit_lens(sightings: BoardSightings, choice: LensChoice = "auto") -> FittedLe
             "from different sides are needed"
         )
     found = [_climbed(sightings, LADDERS[model]) for model in LADDERS if choice in ("auto", model)]
-    if len(found) > 1 and found[1].criterion > found[0].criterion - _ADVANTAGE:
-        del found[1]
+    if len(found) > 1:
+        # The rational model needs twice as many numbers, and holds where there are corners only.
+        advantage = 0.0 if found[0].kinds[0] == _RATIONAL else _ADVANTAGE
+        if found[1].criterion > found[0].criterion - advantage:
+            del found[1]
     return _without_wrong_views(found[-1])
 
 

@@ -342,3 +342,8 @@ def test_one_camera_is_a_lens() -> None:
     found = calibrate_from_boards(scene.sightings, origin=parse_origin("camera"))
     assert found.rig.focal_px == pytest.approx(scene.rig.focal_px, rel=0.01)
     assert found.sigmas.position_m == 0
+
+
+def test_a_fisheye_is_one_although_a_rational_model_fits_its_corners_as_well() -> None:
+    scene = simulate_boards(4, 0, model="fisheye")
+    assert fit_lens(scene.sightings.of_camera(2)).kind.model == "fisheye"
