@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fgpose.association.chosen_person import Chosen
-from fgpose.association.recording import Association
+from fgpose.association.common_clock import on_common_clock
+from fgpose.association.recording import Association, associate
 from fgpose.calibration.rig_refinement import SIGNIFICANT_SIGMAS
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
@@ -20,6 +21,7 @@ from fgpose.io.origin import Origin
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.result import Result
+from fgpose.pipeline.source import AnySource, Source
 from fgpose.trajectory import Trajectory
 
 
@@ -45,6 +47,47 @@ def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
     of_refined = _of_refined(source.origin, result.config)
     findings = severest_first((*diagnosis.findings, *of_several, *of_refined, *_of_repairs(result.n_repairs)))
     return replace(result, diagnosis=replace(diagnosis, findings=findings))
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """Whom a diagnosis of a recording looks at, where nothing was estimated yet."""
+
+    source: Source[Observations]
+    """Of the one person, or of the one of several who is seen most."""
+    everybody: Association | None
+    """Who was told apart, where there are several; nobody may have been."""
+
+    @staticmethod
+    def of(
+        source: AnySource, tell_apart: Callable[[PeopleObservations, CameraRig], Association] = associate
+    ) -> Subject:
+        """Of a recording of one person or of everybody (Source.one_or_all)."""
+        seen, everybody = source.observations, None
+        if isinstance(seen, PeopleObservations):
+            succession = source.succession
+            everybody = tell_apart(seen, source.rig) if succession is None else succession.association
+        return Subject(source.one(), everybody)
+
+    def diagnosis(self) -> Diagnosis:
+        """What is probably wrong."""
+        everybody = self.everybody
+        seen = everybody if everybody is not None and everybody.people else self.source.observations
+        return diagnose(seen, self.source.rig, with_unfollowed=self.source.with_unfollowed)
+
+
+def diagnose_people(people: PeopleObservations, rig: CameraRig) -> Diagnosis:
+    """What ``fgpose info`` finds in everybody's detections.
+
+    Args:
+        people: what the cameras saw, by their time stamps.
+        rig: as it is in its file.
+
+    Raises:
+        ValueError: the cameras of people and rig differ.
+    """
+    seen, rig = on_common_clock(people, rig)
+    return Subject.of(Source(rig, seen).one_or_all()).diagnosis()
 
 
 def looked_at(

@@ -41,24 +41,20 @@ class Info(RecordingOptions):
         from fgpose.assessment.recording_info import recording_info
         from fgpose.cli.delivery import print_findings
         from fgpose.cli.tables import print_association, print_presence
-        from fgpose.diagnosis.diagnose import diagnose
-        from fgpose.people_observations import PeopleObservations
+        from fgpose.pipeline.diagnosed import Subject
 
         source, console = self.load(), new_console()
-        seen = source.observations
-        if isinstance(seen, PeopleObservations):
-            everybody = source.succession.association if source.succession else _told_apart(seen, source.rig)
-            print_association(console, everybody, source.succession)
-            source = source.one()
-            seen = everybody if everybody.people else source.observations
+        subject = Subject.of(source, _told_apart)
+        if subject.everybody is not None:
+            print_association(console, subject.everybody, source.succession)
             console.print("Of the person who is seen most; late and moved cameras by everybody:")
         else:
             if source.chosen is not None and source.chosen.n_people > 1:
                 console.print(f"Looked at is {source.chosen}.", soft_wrap=True)
             print_presence(console, source)
         with new_console(stderr=True).status("comparing the cameras"):
-            info = recording_info(source.observations, source.rig, self.min_gap_s)
-            diagnosis = diagnose(seen, source.rig, with_unfollowed=source.with_unfollowed)
+            info = recording_info(subject.source.observations, subject.source.rig, self.min_gap_s)
+            diagnosis = subject.diagnosis()
         print_info(console, info)
         print_findings(console, diagnosis)
 
