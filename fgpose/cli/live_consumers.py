@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fgpose.config import Config
     from fgpose.geometry.camera import CameraRig
     from fgpose.live.clock import Clock
+    from fgpose.live.diagnosis.live_diagnosis import LiveDiagnosis
     from fgpose.live.outputs import Output, ViewerOutput
     from fgpose.live.page.status_page import StatusPage
     from fgpose.live.processes.parts import Parts
@@ -70,6 +71,9 @@ class LiveOutputs:
     """Write all that can be seen to a file for the Rerun viewer, which is there when it ends (fgpose view)."""
     view: Annotated[bool, FlagCreatePairsOff] = False
     """Show the same in the Rerun viewer while it runs. It may be closed at any time."""
+    no_diagnose: Annotated[bool, FlagCreatePairsOff] = False
+    """Do not look every minute for what is probably wrong with keypoints and calibration, as fgpose info does at a
+    recording: it takes some seconds of a core that nothing else wants."""
     distances: Annotated[Path | None, arg(metavar="CELL.toml", help_behavior_hint="(default: none)")] = None
     """Publish how far people are from links of a robot and from zones, over ZeroMQ (docs/live_distances.md). THIS IS NO
     SAFETY FUNCTION: nothing here is rated for protecting people."""
@@ -99,6 +103,7 @@ class Consumers:
     viewer: ViewerOutput | None = None
     who: InputKeys | None = None
     """May send; None: anybody."""
+    diagnosis: LiveDiagnosis | None = None
     parts: Parts = field(init=False)
     """What of the system has ended and was begun again."""
 
@@ -116,18 +121,22 @@ class Consumers:
         config: Config,
         began_s: float | None = None,
         replay: str = "",
+        is_fast: bool = False,
     ) -> None:
         """Open all that the options want, before any work; the stack closes it.
 
         Args:
             began_s: when the frames begin, Unix time; None: now.
             replay: name of the recording that is run again.
+            is_fast: it is as fast as possible: whatever takes time is waited for.
         """
         from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
         from fgpose.live.page.status_page import StatusPage
         from fgpose.live.recording.recorder import Recorder
 
         console, tell, parts = new_console(stderr=True), self.tell, self.parts
+        if not options.no_diagnose:
+            self.diagnosis = stack.enter_context(self._opened_diagnosis(rig, skeleton, waits=is_fast))
         warn_if_others_reach(options.host, "--host", "the outputs (page with pictures, people, distances)")
         if self.who is None:
             warn_if_others_reach(options.inputs_host, "--inputs-host", "the inputs (keypoints, poses of the robot)")
@@ -164,6 +173,13 @@ class Consumers:
             self.viewer = open_viewer(options.rrd, rig, skeleton, options.view, tell, parts)
             self._add(stack, self.viewer)
             self.observers.append(self.viewer.observe)
+
+    def _opened_diagnosis(self, rig: CameraRig, skeleton: Skeleton, *, waits: bool) -> LiveDiagnosis:
+        from fgpose.live.diagnosis.live_diagnosis import LiveDiagnosis
+        from fgpose.pipeline.diagnosed import diagnose_people
+
+        now_s, parts = self.clock.now_s, self.parts
+        return LiveDiagnosis(rig, skeleton, diagnose_people, now_s=now_s, parts=parts, waits=waits)
 
     @property
     def frames(self) -> list[Consumer]:

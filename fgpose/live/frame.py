@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
 
 from fgpose.association.track import Tracked, TrackState
+from fgpose.finding import Severity
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status
 
@@ -28,7 +30,7 @@ class CameraState(Enum):
     """Its source has failed, or is not there yet, and is opened again."""
     DOUBTFUL = "doubtful"
     """Images come that should not be trusted: frozen, black, garbled, of a camera that was moved or does not see people
-    where the others do, or with a clock that jumps."""
+    where the others do, or with a clock that jumps; or the diagnosis says that what comes of it is wrong."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,62 @@ class Restarts:
     """Of the last time."""
     last_s: float
     """When that was, Unix time."""
+
+
+@dataclass(frozen=True)
+class LiveFinding:
+    """Something that is probably wrong, in the words of a live system; see fgpose.finding.Finding."""
+
+    code: str
+    """One of fgpose.finding.Code: docs/help/findings.md."""
+    severity: Severity
+    """WRONG or DOUBTFUL."""
+    reason: str
+    """Seconds in it count from the from_s of the judgement."""
+    remedy: str
+    camera: str = ""
+    """Which one it is about; empty: all, or none in particular."""
+    from_s: float | None = None
+    """Since when, Unix time; None: throughout. Until when: to_s."""
+    to_s: float | None = None
+
+    @property
+    def text(self) -> str:
+        """In one paragraph."""
+        how = "probably wrong" if self.severity is Severity.WRONG else "doubtful"
+        return f"{how}: {self.reason}. {self.remedy} [{self.code}]"
+
+    @property
+    def text_when_gone(self) -> str:
+        """When it is found no longer."""
+        return f"no longer found: {self.code}{' of ' if self.camera else ''}{self.camera}"
+
+
+@dataclass(frozen=True)
+class LiveJudgement:
+    """What the diagnosis has found in the detections of about the last minute: of the past, and not of now."""
+
+    findings: tuple[LiveFinding, ...] = ()
+    """The severest first."""
+    from_s: float | None = None
+    """When the first of the images was taken that were looked at, Unix time; None: nothing was judged yet. When the
+    last one was: to_s; and when this was said: judged_s."""
+    to_s: float | None = None
+    judged_s: float | None = None
+    not_judged: Mapping[str, str] = field(default_factory=dict)
+    """What these images could not tell, and why."""
+    waits_for: str = ""
+    """Why nothing is judged yet, or nothing newer, in words; empty: it was a moment ago, or is about to be."""
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether anything was; else no finding does not mean that nothing is wrong."""
+        return self.judged_s is not None
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether a finding says that numbers are off by more than they claim."""
+        return any(finding.severity is Severity.WRONG for finding in self.findings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +216,8 @@ class LiveFrame:
     images, Unix time; NaN: it has not begun. For a second after that, nobody may mean not found yet."""
     restarts: tuple[Restarts, ...] = ()
     """Of what has ended since the start of the live system; what it knew before is lost."""
+    diagnosis: LiveJudgement | None = None
+    """Of the last minute; None: there is none."""
 
     @property
     def age_s(self) -> float:

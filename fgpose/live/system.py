@@ -9,14 +9,15 @@ from typing import Protocol, TypeVar, runtime_checkable
 
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import Clock
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, Restarts
+from fgpose.live.diagnosis.live_diagnosis import LiveDiagnosis
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LiveJudgement, Restarts
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import HANGS_S, Worker
 from fgpose.live.statistics import LiveStatistics
 from fgpose.live.tracking.live_tracking import LiveTracking, Update
 
 Given = TypeVar("Given")
-FrameAt = Callable[[float, Sequence[CameraStatus], tuple[Restarts, ...]], LiveFrame]
+FrameAt = Callable[[float, Sequence[CameraStatus], tuple[Restarts, ...], LiveJudgement | None], LiveFrame]
 # Without images, frames are published this often: nobody may take silence for an empty room.
 _SILENT_S = 0.1
 # Who tracks and has not published for so long hangs, or waits for something: another thread says what was known.
@@ -64,6 +65,7 @@ class LiveSystem:
         observers: told of every update, as a recorder is; they do not wait.
         clock: of the feed.
         parts: frames say what of them has ended; told when the tracking, an output or an observer has failed.
+        diagnosis: told of every update and every frame, which say what it has found.
     """
 
     def __init__(
@@ -74,10 +76,13 @@ class LiveSystem:
         observers: Sequence[Callable[[Update], None]],
         clock: Clock,
         parts: Parts | None = None,
+        diagnosis: LiveDiagnosis | None = None,
     ) -> None:
-        self._parts = parts or Parts(clock.now_s)
+        self._parts, self._diagnosis = parts or Parts(clock.now_s), diagnosis
         self._feed, self._tracking, self._clock = feed, tracking, clock
         self._outputs, self._observers = tuple(outputs), tuple(observers)
+        if diagnosis is not None:
+            self._outputs, self._observers = (*outputs, diagnosis), (*observers, diagnosis.observe)
         self.report = LiveStatistics(tracking.rig.names)
         self._cameras, self._looked_s = feed.statuses(), clock.now_s()
         tracking.on_taken = feed.go_on
@@ -158,7 +163,8 @@ class LiveSystem:
     def _give_frame(self, frame_at: FrameAt, cameras: Sequence[CameraStatus]) -> None:
         with self._publishing:
             now_s = self._published_s = self._clock.now_s()
-            frame = frame_at(now_s, cameras, self._parts.so_far())
+            said = None if self._diagnosis is None else self._diagnosis.said
+            frame = frame_at(now_s, cameras, self._parts.so_far(), said)
             for output in self._outputs:
                 self._give(output.publish, frame, "an output")
             self.report.add(frame)

@@ -19,7 +19,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 from fgpose.cli.console import new_console
 from fgpose.cli.live_consumers import Consumers, LiveInputs, LiveOutputs
 from fgpose.cli.process import forgiving_streams
-from fgpose.live.frame import CameraState, LiveFrame
+from fgpose.live.frame import CameraState, LiveFrame, LiveJudgement
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -114,7 +114,8 @@ class Live(LiveOutputs, LiveInputs):
                 consumers.observers.append(kept.observe)
             self._receive(stack, feed, skeleton, consumers)
             line = stack.enter_context(StatusLine(console))
-            system = LiveSystem(feed, tracking, [*consumers.frames, line], consumers.observers, clock, parts)
+            outputs, diagnosis = [*consumers.frames, line], consumers.diagnosis
+            system = LiveSystem(feed, tracking, outputs, consumers.observers, clock, parts, diagnosis)
             with _on_signals(system.stop), system.never_silent():
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         new_console().print(_table(system.report))
@@ -272,12 +273,21 @@ def in_words(frame: LiveFrame, rate_hz: float) -> str:
     age = f", {1e3 * frame.age_s:.0f} ms old" if any(camera.n_used for camera in frame.cameras) else ""
     return " · ".join(
         [
+            *_diagnosis_in_words(frame.diagnosis),
             "1 person" if n_people == 1 else f"{n_people} people",
             f"{cameras} ({', '.join(others)})" if others else cameras,
             f"{rate_hz:.0f} frames/s{age}",
             f"{frame.observed_share:.0%} of the volume observed",
         ]
     )
+
+
+def _diagnosis_in_words(diagnosis: LiveJudgement | None) -> list[str]:
+    """What is wrong; or that nobody knows yet."""
+    if diagnosis is None or (diagnosis.is_judged and not diagnosis.findings):
+        return []
+    codes = ", ".join(dict.fromkeys(finding.code for finding in diagnosis.findings))
+    return [f"{'PROBABLY WRONG' if diagnosis.is_wrong else 'doubtful'}: {codes}" if codes else "not diagnosed yet"]
 
 
 def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is_fast: bool) -> int:
@@ -298,7 +308,8 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
     with ExitStack() as stack:
         consumers = Consumers(recorded)
         used = config or recording.config
-        consumers.open(stack, outputs, recording.rig, recording.skeleton, used, recording.started_s, path.name)
+        of_recording = recording.rig, recording.skeleton, used, recording.started_s, path.name
+        consumers.open(stack, outputs, *of_recording, is_fast=is_fast)
 
         def publish(frame: LiveFrame) -> None:
             recorded.publish(frame)
@@ -313,6 +324,7 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
                 config,
                 None if is_fast else clock,
                 lambda time_s: status.update(f"{path}: {time_s:.1f} s"),
+                consumers.diagnosis,
             )
     new_console().print(_said(agreement, is_same=config is None), soft_wrap=True)
     return consumers.say_states()

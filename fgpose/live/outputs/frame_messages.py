@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fgpose.io.live.packing import packed, unpacked
-from fgpose.live.frame import CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.frame import CameraStatus, LiveFrame, LiveJudgement, LivePerson, Restarts
 from fgpose.live.reception.message_schema import as_dataclass
 from fgpose.skeleton import Skeleton
 
@@ -28,9 +28,10 @@ class _Frame:
     observed_share: float
     people: tuple[LivePerson, ...]
     cameras: tuple[CameraStatus, ...]
-    # Recordings of before have neither.
+    # Recordings of before have none of these.
     tracking_since_s: float = math.nan
     restarts: tuple[Restarts, ...] = ()
+    diagnosis: LiveJudgement | None = None
 
 
 def encode_frame(frame: LiveFrame) -> bytes:
@@ -62,6 +63,7 @@ def frame_document(frame: LiveFrame) -> dict[str, Any]:
         "people": [_person_document(person) for person in frame.people],
         "cameras": [{**asdict(camera), "state": camera.state.value} for camera in frame.cameras],
         "restarts": [asdict(restarts) for restarts in frame.restarts],
+        "diagnosis": None if frame.diagnosis is None else asdict(frame.diagnosis),
     }
 
 

@@ -10,13 +10,18 @@ import numpy as np
 
 from fgpose.config import Config
 from fgpose.live.clock import Clock
+from fgpose.live.diagnosis.live_diagnosis import LiveDiagnosis
+from fgpose.live.diagnosis.told_live import doubt
 from fgpose.live.frame import LiveFrame
 from fgpose.live.recording.live_recording import LiveRecording
+from fgpose.live.tracking.known import doubtful
 from fgpose.live.tracking.live_tracking import LiveTracking, Update
 from fgpose.live.tracking.observed import volume_points_m
 
 # A live system publishes all the time; where its disk was full for hours, nobody waits for hours.
 _LONGEST_PAUSE_S = 10.0
+# What frames say as it was published.
+_RECORDED = ("sequence", "cameras", "observed_share", "restarts", "diagnosis")
 
 
 class RecordedClock(Clock):
@@ -68,6 +73,7 @@ def replay(
     config: Config | None = None,
     clock: Clock | None = None,
     progress: Callable[[float], None] = lambda time_s: None,
+    diagnosis: LiveDiagnosis | None = None,
 ) -> ReplayComparison:
     """Track what was recorded, in the same steps, and publish the frames of the recording with the people of now.
 
@@ -79,6 +85,7 @@ def replay(
         clock: each frame is published as long after the first as it was, but not longer than ten seconds after the
             one before; None: as fast as possible.
         progress: told of the time since the beginning of the recording, in seconds.
+        diagnosis: of what is run again; frames say what it finds, in place of what was recorded.
 
     Raises:
         ValueError: the file is damaged other than by being cut off; the message names it.
@@ -91,7 +98,7 @@ def replay(
     )
     agreement, due_s, before_s = ReplayComparison(), 0.0 if clock is None else clock.now_s(), recording.started_s
     try:
-        for again, recorded in _frames(recording, tracking, observers):
+        for again, recorded in _frames(recording, tracking, observers, diagnosis):
             if clock is not None:
                 due_s += min(max(recorded.published_s - before_s, 0.0), _LONGEST_PAUSE_S)
                 clock.sleep(due_s - clock.now_s())
@@ -105,10 +112,14 @@ def replay(
 
 
 def _frames(
-    recording: LiveRecording, tracking: LiveTracking, observers: Sequence[Callable[[Update], None]]
+    recording: LiveRecording,
+    tracking: LiveTracking,
+    observers: Sequence[Callable[[Update], None]],
+    diagnosis: LiveDiagnosis | None,
 ) -> Iterator[tuple[LiveFrame, LiveFrame]]:
     """Each frame again, and as it was recorded."""
     is_tidy = True
+    observers = observers if diagnosis is None else (*observers, diagnosis.observe)
     for step in recording.steps():
         if not isinstance(step, LiveFrame):
             update = tracking.track(step)
@@ -120,8 +131,19 @@ def _frames(
         if unknown:
             raise ValueError(f"{recording.path}: a frame has cameras that its rig has not: {', '.join(unknown)}")
         again = tracking.frame(step.published_s, step.cameras)
-        said = {name: getattr(step, name) for name in ("sequence", "cameras", "observed_share", "restarts")}
-        yield replace(again, **said), step
+        said = {name: getattr(step, name) for name in _RECORDED}
+        yield _diagnosed(replace(again, **said), tracking, diagnosis), step
         if not is_tidy:
             tracking.tidy()
         is_tidy = True
+
+
+def _diagnosed(frame: LiveFrame, tracking: LiveTracking, diagnosis: LiveDiagnosis | None) -> LiveFrame:
+    """With what a diagnosis has found now, and not when it was recorded; what cameras said stays."""
+    if diagnosis is None:
+        return frame
+    said = diagnosis.said
+    cameras = tuple(doubtful(camera, doubt(said, camera.name)) for camera in frame.cameras)
+    diagnosis.publish(frame)
+    share = frame.observed_share if cameras == frame.cameras else tracking.observed_share(cameras)
+    return replace(frame, cameras=cameras, observed_share=share, diagnosis=said)

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.diagnosis.told_live import doubt
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LiveJudgement, LivePerson, Restarts
 from fgpose.live.tracking.observed import ObservedVolume
 from fgpose.skeleton import Skeleton
 
@@ -48,14 +49,19 @@ class Known:
     cameras: Mapping[str, KnownCamera]
 
     def frame(
-        self, sequence: int, now_s: float, cameras: Sequence[CameraStatus], restarts: tuple[Restarts, ...] = ()
+        self,
+        sequence: int,
+        now_s: float,
+        cameras: Sequence[CameraStatus],
+        restarts: tuple[Restarts, ...] = (),
+        diagnosis: LiveJudgement | None = None,
     ) -> LiveFrame:
         """What it says at a time, beside how the cameras are then: with no news for long, people may be anywhere."""
         unseen_s = now_s - self.newest_s
         people = self.people
         if unseen_s > self.longest_s:
             people = tuple(person.coasting(unseen_s) for person in people)
-        told = tuple(self._told(camera, cameras) for camera in cameras)
+        told = tuple(doubtful(self._told(camera, cameras), doubt(diagnosis, camera.name)) for camera in cameras)
         return LiveFrame(
             sequence=sequence,
             time_s=self.time_s,
@@ -66,6 +72,7 @@ class Known:
             observed_share=self.volume.share(camera.name for camera in told if camera.state is CameraState.OK),
             tracking_since_s=self.since_s,
             restarts=restarts,
+            diagnosis=diagnosis,
         )
 
     def _told(self, camera: CameraStatus, cameras: Sequence[CameraStatus]) -> CameraStatus:
@@ -79,8 +86,7 @@ class Known:
             changes |= {"motion_offset_s": known.motion_offset_s, "motion_sigma_s": known.motion_sigma_s}
             if is_told_by_motion(camera.name, known.motion_sigma_s, cameras):
                 changes["unproven_s"] = _SIGMAS * known.motion_sigma_s
-        camera = replace(camera, **changes)
-        return _doubtful(camera, known.fault) if known.fault else camera
+        return doubtful(replace(camera, **changes), known.fault)
 
 
 def is_told_by_motion(name: str, motion_sigma_s: float, cameras: Sequence[CameraStatus]) -> bool:
@@ -90,8 +96,10 @@ def is_told_by_motion(name: str, motion_sigma_s: float, cameras: Sequence[Camera
     )
 
 
-def _doubtful(camera: CameraStatus, reason: str) -> CameraStatus:
-    """With another fault; the graver one is said first."""
+def doubtful(camera: CameraStatus, reason: str) -> CameraStatus:
+    """With another fault, empty where there is none; the graver one is said first."""
+    if not reason or reason in camera.reason:
+        return camera
     is_graver = camera.state in (CameraState.OK, CameraState.LATE)
     reasons = (reason, camera.reason) if is_graver else (camera.reason, reason)
     state = CameraState.DOUBTFUL if is_graver else camera.state

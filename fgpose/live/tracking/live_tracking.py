@@ -15,7 +15,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.live.cameras.frozen_keypoints import are_same
-from fgpose.live.frame import CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LiveJudgement, LivePerson, Restarts
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.known import Known, KnownCamera
@@ -132,17 +132,32 @@ class LiveTracking:
         moment = self._moments.ready(now_s, expected)
         return [self._tracked(moment)] if moment else []
 
-    def frame(self, now_s: float, cameras: Sequence[CameraStatus], restarts: tuple[Restarts, ...] = ()) -> LiveFrame:
-        """What can be said now. The images of the cameras that were used, or not, are added to their statuses."""
+    def frame(
+        self,
+        now_s: float,
+        cameras: Sequence[CameraStatus],
+        restarts: tuple[Restarts, ...] = (),
+        diagnosis: LiveJudgement | None = None,
+    ) -> LiveFrame:
+        """What can be said now. The images of the cameras that were used, or not, are added to their statuses, and what
+        a diagnosis says of them."""
         self._usual_age.add(self.newest_s, now_s)
         self._known = self._now_known()
-        return self.frame_without_news(now_s, cameras, restarts)
+        return self.frame_without_news(now_s, cameras, restarts, diagnosis)
 
     def frame_without_news(
-        self, now_s: float, cameras: Sequence[CameraStatus], restarts: tuple[Restarts, ...] = ()
+        self,
+        now_s: float,
+        cameras: Sequence[CameraStatus],
+        restarts: tuple[Restarts, ...] = (),
+        diagnosis: LiveJudgement | None = None,
     ) -> LiveFrame:
         """What could be said when frame was last asked, at a later time. Any thread may ask, whatever hangs."""
-        return self._known.frame(next(self._sequence), now_s, cameras, restarts)
+        return self._known.frame(next(self._sequence), now_s, cameras, restarts, diagnosis)
+
+    def observed_share(self, cameras: Sequence[CameraStatus]) -> float:
+        """Of the volume, by at least two of the cameras that are ok."""
+        return self._volume.share(camera.name for camera in cameras if camera.state is CameraState.OK)
 
     def tidy(self) -> None:
         """Do what can be done before the next images come. To be called when what is known has been published."""

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fgpose.association.track import TrackState
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
+from fgpose.finding import Code, Severity
+from fgpose.live.frame import CameraState, CameraStatus, LiveFinding, LiveFrame, LiveJudgement, LivePerson
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status
 
@@ -55,3 +56,13 @@ def live_frame(
     share = 1.0 if len(cameras) - len(lost) >= 2 else 0.0
     since_s = time_s - 60.0
     return LiveFrame(sequence, time_s, time_s + delay_s, skeleton, tuple(people), tuple(status), share, since_s)
+
+
+def live_judgement(camera: str = "b", time_s: float = 1000.0) -> LiveJudgement:
+    """A camera is mirrored, by the minute before."""
+    mirrored = f"The images of {camera} are mirrored"
+    found = (
+        LiveFinding(Code.MIRRORED_IMAGE, Severity.WRONG, mirrored, "Switch mirroring off.", camera),
+        LiveFinding(Code.LATE_CAMERA, Severity.DOUBTFUL, "All are late", "Set the clocks.", from_s=time_s - 30.0),
+    )
+    return LiveJudgement(found, time_s - 62.0, time_s - 2.0, time_s, {"lenses": "it is short"})

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from live_frames import live_judgement
 
-from fgpose.io.live.packing import packed
+from fgpose.io.live.packing import packed, unpacked
 from fgpose.io.skeletons import load_skeleton
+from fgpose.live.frame import LiveJudgement
 from fgpose.live.outputs.frame_messages import decode_frame, encode_frame, frame_document
 from tests.fgpose.live.output_frames import SKELETON, assert_same_frame, frame
 
@@ -22,6 +24,18 @@ def test_a_frame_before_the_first_image_can_be_sent() -> None:
     assert got.time_s != got.time_s
 
 
+@pytest.mark.parametrize("said", [live_judgement(), LiveJudgement(waits_for="nobody was seen to move yet"), None])
+def test_what_the_diagnosis_says_is_in_the_message(said: LiveJudgement | None) -> None:
+    got = decode_frame(encode_frame(replace(frame(1), diagnosis=said)), SKELETON)
+    assert got.diagnosis == said
+
+
+def test_an_older_message_says_nothing_of_a_diagnosis() -> None:
+    document = unpacked(encode_frame(frame(1)))
+    del document["diagnosis"]
+    assert decode_frame(packed(document), SKELETON).diagnosis is None
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -32,6 +46,8 @@ def test_a_frame_before_the_first_image_can_be_sent() -> None:
         ({"people": [{"person": 1}]}, "damaged message"),
         ({"cameras": [{"state": "ok"}]}, "damaged message"),
         ({"cameras": [{"state": "tired"}]}, "tired"),
+        ({"diagnosis": {"findings": 3}}, "damaged message"),
+        ({"diagnosis": {"findings": [{"code": "unit", "severity": "mild"}]}}, "mild"),
     ],
 )
 def test_what_is_no_such_message_is_refused(change: dict, reason: str) -> None:

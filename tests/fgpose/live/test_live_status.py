@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import io
 import logging
+from dataclasses import replace
 
 import pytest
-from live_frames import live_frame, live_person, standing_m
+from live_frames import live_frame, live_judgement, live_person, standing_m
 from rich.console import Console
 
 from fgpose.cli.commands.live import ConsoleLog, StatusLine, _table, in_words
 from fgpose.cli.console import PlainConsole
-from fgpose.live.frame import LiveFrame
+from fgpose.live.frame import LiveFrame, LiveJudgement
 from fgpose.live.statistics import LiveStatistics
 from fgpose.skeleton import Skeleton
 
@@ -27,6 +28,19 @@ def test_people_cameras_and_frames(frame: LiveFrame, skeleton: Skeleton) -> None
     empty = live_frame(skeleton, [], 1000.0, cameras=("a", "b"), delay_s=0.02)
     expected = "0 people · 2 of 2 cameras ok · 10 frames/s, 20 ms old · 100% of the volume observed"
     assert in_words(empty, 10.0) == expected
+
+
+def test_what_is_wrong_comes_first_and_that_nobody_has_looked_yet(frame: LiveFrame) -> None:
+    said = live_judgement()
+    usual = in_words(frame, 29.7)
+    lines = {
+        "PROBABLY WRONG: mirrored-image, late-camera": said,
+        "doubtful: late-camera": replace(said, findings=said.findings[1:]),
+        "not diagnosed yet": LiveJudgement(waits_for="nobody was seen to move yet"),
+    }
+    for words, judgement in lines.items():
+        assert in_words(replace(frame, diagnosis=judgement), 29.7) == f"{words} · {usual}"
+    assert in_words(replace(frame, diagnosis=replace(said, findings=())), 29.7) == usual
 
 
 def test_the_line_is_there_while_it_runs_and_the_log_above_it(frame: LiveFrame) -> None:

@@ -1,0 +1,1 @@
+"""What a diagnosis of the last minute finds, while the system runs."""
