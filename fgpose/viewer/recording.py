@@ -296,6 +296,8 @@ class SystemState:
     """Of the volume."""
     note: str = ""
     """Of the recording itself; empty: there is none."""
+    found: Sequence[str] = ()
+    """What a diagnosis has found since the moment before, or finds no longer."""
 
 
 class SystemRecording(Recording):

@@ -21,7 +21,8 @@ from fgpose.association.track import Tracked, TrackEvent
 from fgpose.child_process import ChildProcess, parent
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis
-from fgpose.live.frame import CameraState, LiveFrame, LivePerson
+from fgpose.live.diagnosis.told_live import changes
+from fgpose.live.frame import CameraState, LiveFrame, LiveJudgement, LivePerson
 from fgpose.live.pictures_with_people import PictureWithPeople
 from fgpose.live.processes.priority import give_way
 from fgpose.people_observations import Detections
@@ -189,6 +190,7 @@ class _Moments:
     def __init__(self) -> None:
         self._before: LiveFrame | None = None
         """The first that told of its images."""
+        self._diagnosis: LiveJudgement | None = None
 
     def moment(self, shown: FrameToShow) -> SystemState:
         frame = shown.frame
@@ -198,6 +200,8 @@ class _Moments:
         if is_new:
             self._before = frame
         assert self._before is not None
+        before, self._diagnosis = self._diagnosis, frame.diagnosis
+        new, gone = changes(before, frame.diagnosis)
         return SystemState(
             # Without new images time goes on, but not to the time of publishing: the next images are older.
             time_s=frame.time_s + frame.published_s - self._before.published_s,
@@ -212,6 +216,7 @@ class _Moments:
             delay_s=frame.age_s if is_new and any(camera.n_used for camera in frame.cameras) else None,
             observed_share=frame.observed_share,
             note=shown.note,
+            found=[*(each.text for each in new), *(each.text_when_gone for each in gone)],
         )
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.up_axis import UpAxis, nearest_axis
+from fgpose.live.diagnosis.told_live import changes
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.link_distance import LinkDistance
 from fgpose.skeleton import Skeleton
@@ -63,6 +64,7 @@ class PageState:
             self._latency.append((frame.published_s, frame.age_s))
         self._note_cameras(before, frame)
         self._note_people(before, frame)
+        self._note_diagnosis(before, frame)
 
     def note(self, time_s: float, text: str, *, is_fault: bool = False) -> None:
         """Something has happened."""
@@ -100,6 +102,7 @@ class PageState:
                 "people": [] if frame is None else [self._person(person) for person in frame.people],
                 "outputs": [{"name": name, "fault": fault} for name, fault in faults.items()],
                 "restarts": [] if frame is None else [asdict(restarts) for restarts in frame.restarts],
+                "diagnosis": None if frame is None or frame.diagnosis is None else asdict(frame.diagnosis),
                 "distances": [_distance(distance) for distance in self._distances],
                 "events": list(self._events),
             }
@@ -124,6 +127,13 @@ class PageState:
             self.note(frame.published_s, f"person {number} is there")
         for number in sorted(old - new):
             self.note(frame.published_s, f"person {number} is gone")
+
+    def _note_diagnosis(self, before: LiveFrame | None, frame: LiveFrame) -> None:
+        new, gone = changes(None if before is None else before.diagnosis, frame.diagnosis)
+        for finding in new:
+            self.note(frame.published_s, finding.text, is_fault=True)
+        for finding in gone:
+            self.note(frame.published_s, finding.text_when_gone)
 
     def _rate_hz(self, now_s: float) -> float:
         """Of the frames that are published."""

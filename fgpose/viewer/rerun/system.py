@@ -140,6 +140,11 @@ def _system_rows(
     yield log_rows(paths.CAMERA_EVENTS, texts, levels, colours, np.zeros(len(texts), dtype=int))
     if moment.note:
         yield log_rows(paths.RECORDING_EVENTS, [moment.note], ["WARN"], [palette.PLAIN], np.zeros(1, dtype=int))
+    if moment.found:
+        n = len(moment.found)
+        yield log_rows(
+            paths.DIAGNOSIS_EVENTS, list(moment.found), n * ["WARN"], n * [palette.PLAIN], np.zeros(n, dtype=int)
+        )
     if moment.delay_s is not None:
         yield scalar_rows(paths.DELAY_MS, np.array([1e3 * moment.delay_s]))
     if moment.observed_share is not None:

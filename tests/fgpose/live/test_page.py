@@ -17,10 +17,10 @@ from urllib.parse import quote, urlsplit
 import cv2
 import numpy as np
 import pytest
-from live_frames import live_frame, live_person, standing_m
+from live_frames import live_frame, live_judgement, live_person, standing_m
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.live.frame import CameraState
+from fgpose.live.frame import CameraState, LiveJudgement
 from fgpose.live.link_distance import DistanceFault, LinkDistance
 from fgpose.live.page.page_state import LATENCY_EDGES_MS, PageState
 from fgpose.live.page.status_page import StatusPage
@@ -294,6 +294,34 @@ def test_events_tell_what_changed(state: PageState, rig: CameraRig, skeleton: Sk
         ("person 4 is recognised as person 2", False),
         ("person 2 is gone", False),
         ("arm: no image has come yet", True),
+    ]
+
+
+def test_what_is_wrong_is_shown_and_when_it_appears_and_goes(
+    state: PageState, rig: CameraRig, skeleton: Skeleton
+) -> None:
+    frame = live_frame(skeleton, (), NOW_S, cameras=rig.names)
+    state.add(frame)
+    assert shown(state)["diagnosis"] is None
+    waits = LiveJudgement(waits_for="nobody was seen to move yet")
+    state.add(replace(frame, diagnosis=waits))
+    diagnosis = shown(state)["diagnosis"]
+    assert (diagnosis["judged_s"], diagnosis["waits_for"]) == (None, "nobody was seen to move yet")
+    for _ in range(2):
+        state.add(replace(frame, diagnosis=live_judgement("ring_1", NOW_S)))
+    diagnosis = shown(state)["diagnosis"]
+    assert (diagnosis["from_s"], diagnosis["to_s"], diagnosis["judged_s"]) == (NOW_S - 62.0, NOW_S - 2.0, NOW_S)
+    assert [(each["severity"], each["camera"], each["code"]) for each in diagnosis["findings"]] == [
+        ("wrong", "ring_1", "mirrored-image"),
+        ("doubtful", "", "late-camera"),
+    ]
+    state.add(replace(frame, diagnosis=replace(live_judgement("ring_1"), findings=())))
+    events = [(event["text"], event["is_fault"]) for event in shown(state)["events"]]
+    assert events == [
+        ("probably wrong: The images of ring_1 are mirrored. Switch mirroring off. [mirrored-image]", True),
+        ("doubtful: All are late. Set the clocks. [late-camera]", True),
+        ("no longer found: mirrored-image of ring_1", False),
+        ("no longer found: late-camera", False),
     ]
 
 

@@ -18,7 +18,7 @@ from urllib.parse import unquote
 import cv2
 import numpy as np
 import pytest
-from live_frames import live_frame, live_person
+from live_frames import live_frame, live_judgement, live_person
 
 from fgpose.association.track import TrackState
 from fgpose.geometry.camera import Camera, CameraRig
@@ -84,7 +84,8 @@ def made_up_frame(rig: CameraRig, sequence: int, now_s: float, rng: np.random.Ge
     ]
     people[2] = replace(people[2], status=np.full(SKELETON.n_joints, Status.PREDICTED))
     frame = live_frame(SKELETON, people, now_s - delay_s, sequence=sequence, delay_s=delay_s)
-    return replace(frame, cameras=cameras, observed_share=0.83 if sequence >= 10 else 1.0)
+    share = 0.83 if sequence >= 10 else 1.0
+    return replace(frame, cameras=cameras, observed_share=share, diagnosis=live_judgement(rig.names[2], now_s))
 
 
 def picture(camera: Camera, time_s: float) -> np.ndarray:
@@ -167,6 +168,8 @@ def test_a_browser_shows_cameras_people_and_faults() -> None:
     assert "✕ lost" in text
     assert "nothing has come for 12.4 s" in text
     assert "▲ late" in text
+    assert f"✕ wrong The images of {NAMES[2]} are mirrored. Switch mirroring off. [mirrored-image]" in text
+    assert "Not judged: lenses (it is short)." in text
     assert "person 1" in text
     assert "person 3 coasting" in text
     assert "-20.3 ± 1.9 ms" in text

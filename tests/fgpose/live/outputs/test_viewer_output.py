@@ -41,6 +41,7 @@ from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import open_system_recording
 from fgpose.viewer.rerun import palette
 from tests.fgpose.full_disk import FullDisk
+from tests.fgpose.live.live_frames import live_judgement
 from tests.fgpose.live.output_frames import wait_until
 
 pytest.importorskip("rerun")
@@ -58,6 +59,7 @@ START_S = 1.75e9
 TIME_TOLERANCE_S = 1e-6
 DELAY_S = 0.04
 PERSON = 3
+MIRRORED = replace(live_judgement("cam_1"), findings=live_judgement("cam_1").findings[:1])
 LATE_FRAME = 4
 """From here on no image comes."""
 
@@ -111,7 +113,7 @@ def publish(output: ViewerOutput, published: LiveFrame) -> None:
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Frames 0 to 3 with images, of which cam_2 is lost in 2; 4 to 25 without."""
+    """Frames 0 to 3 with images, of which cam_2 is lost in 2; 4 to 25 without. A diagnosis speaks in 1 and 2."""
     path = tmp_path_factory.mktemp("viewer") / "live.rrd"
     output = ViewerOutput(path, RIG, SKELETON)
     for number in range(26):
@@ -124,7 +126,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         else:
             person = person.coasting((number - LATE_FRAME + 1) / 10)
         lost = CameraStatus("cam_2", CameraState.LOST, f"no image for 0.{number} s", n_used=1)
-        publish(output, frame(number, (person,), lost if number == 2 or number > LATE_FRAME else None))
+        published = frame(number, (person,), lost if number == 2 or number > LATE_FRAME else None)
+        publish(output, replace(published, diagnosis=MIRRORED if number in (1, 2) else None))
     assert not path.exists()
     output.close()
     return path
@@ -187,6 +190,11 @@ def test_a_camera_that_is_lost_shows_nothing(file: Path) -> None:
     said = {number: text for number, (_, [text]) in rows(file, "/events/cameras", "TextLog:text").items()}
     reasons = {2: "no image for 0.2 s", LATE_FRAME + 1: f"no image for 0.{LATE_FRAME + 1} s"}
     assert said == {3: "camera cam_2 ok"} | {number: f"camera cam_2 lost: {why}" for number, why in reasons.items()}
+
+
+def test_what_is_wrong_is_among_the_events_when_it_appears_and_when_it_is_gone(file: Path) -> None:
+    said = {number: texts for number, (_, texts) in rows(file, "/events/diagnosis", "TextLog:text").items()}
+    assert said == {1: [MIRRORED.findings[0].text], 3: ["no longer found: mirrored-image of cam_1"]}
 
 
 def test_small_pictures_fill_the_image(file: Path) -> None:
