@@ -152,8 +152,15 @@ def subscribed(port: int) -> Iterator[zmq.Socket[bytes]]:
         yield frames
 
 
-def measure(n_people: int, n_cameras: int, n_frames: int, rate_hz: float, before: Sequence[str] = ()) -> Latency:
-    """A run of ``fgpose live``, with words before its command."""
+def measure(
+    n_people: int,
+    n_cameras: int,
+    n_frames: int,
+    rate_hz: float,
+    before: Sequence[str] = (),
+    options: Sequence[str] = (),
+) -> Latency:
+    """A run of ``fgpose live``, with words before its command and options after it."""
     recording = scene(n_people, n_cameras, n_frames, rate_hz)
     skeleton = recording.motion.skeleton
     keypoints_port, frames_port = free_port(), free_port()
@@ -173,7 +180,7 @@ def measure(n_people: int, n_cameras: int, n_frames: int, rate_hz: float, before
             skeleton.name,
         ]
         ports = ["--keypoints-port", str(keypoints_port), "--zmq", str(frames_port)]
-        system = subprocess.Popen([*command, *ports], start_new_session=True)
+        system = subprocess.Popen([*command, *ports, *options], start_new_session=True)
         try:
             with subscribed(frames_port) as frames:
                 if not frames.poll(round(1e3 * _STARTS_WITHIN_S)):
@@ -262,11 +269,13 @@ def main() -> None:
     parser.add_argument("--rate-hz", type=float, default=30.0)
     parser.add_argument("--busy", type=int, default=0, help="programs that want the processor as well")
     parser.add_argument("--real-time", action="store_true", help="run it before all other programs (chrt --rr 1)")
+    parser.add_argument("--no-diagnose", action="store_true", help="without the diagnosis of the last minute")
     parser.add_argument("--output", type=Path, help="write the figures to this file (JSON)")
     arguments = parser.parse_args()
     with busy(arguments.busy):
         before = ["chrt", "--rr", "1"] if arguments.real_time else []
-        latency = measure(arguments.people, arguments.cameras, arguments.frames, arguments.rate_hz, before)
+        options = ["--no-diagnose"] if arguments.no_diagnose else []
+        latency = measure(arguments.people, arguments.cameras, arguments.frames, arguments.rate_hz, before, options)
     print(table(latency))
     if arguments.output:
         arguments.output.write_text(json.dumps(asdict(latency), indent=1) + "\n")
