@@ -107,7 +107,7 @@ class Trajectory(Motion):
     """The configuration that made this result."""
     visibility: np.ndarray | None = None
     """(T, C, J) probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where
-    there is none."""
+    there is none. Right near 0 and 1; between, it is a weight, which may be off by 0.4 as a probability."""
     implausible_frames: tuple[int, ...] = ()
     """Frames whose detections make no body (joints tens of metres apart) and were left out."""
     bone_length_sigma_m: np.ndarray | None = None
@@ -325,7 +325,8 @@ class Estimate(Shown):
     smoothed: Estimate | None = None
     """The estimate of the newest frame that is one lag old, from all frames since. None until there is one."""
     visibility: Float[np.ndarray, "camera joint"] | None = None
-    """Probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where none is."""
+    """Probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where none is. As
+    in Trajectory."""
     is_implausible: bool = False
     """Whether the detections that came last make no body (joints tens of metres apart) and were left out."""
     n_repairs: int = 0
