@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.covariances.online_covariance import OnlineCovariances
+from fgpose.estimation.covariances.variance_components import ErrorComponents
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.window import Window
@@ -32,6 +33,11 @@ class Estimates:
         self._covariances = OnlineCovariances(n_cameras, skeleton, config)
         self._newly_smoothed: list[Estimate] = []
         self._smoothed_frame = -1
+
+    @property
+    def error_components(self) -> ErrorComponents:
+        """Of the detections, as far as they are learned."""
+        return self._covariances.errors.components
 
     def learn(self, oldest: FrameState, rig: CameraRig) -> None:
         """Take a frame that is one lag old."""

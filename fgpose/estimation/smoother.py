@@ -12,11 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.covariances.error_components import covariance_of_errors_m2
+from fgpose.estimation.covariances.error_components import covariance_of_errors_m2, length_covariance_of_errors_m2
 from fgpose.estimation.covariances.few_view_errors import widened
 from fgpose.estimation.covariances.other_side import other_sides_m2
-from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swing
-from fgpose.estimation.covariances.walk_unseen import speed_unseen_mps
+from fgpose.estimation.covariances.uncertainty import distrust_factor, speed_unseen_mps, with_swing
 from fgpose.estimation.evidence.delays import image_motion_px, of_one_moment
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gathered import Gathered, gather_long
@@ -25,13 +24,11 @@ from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.evidence.other_bones import other_bone
 from fgpose.estimation.evidence.presence import present
 from fgpose.estimation.initial_guess import time_to_known_s
-from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.parts.batch import smooth_whole_body
 from fgpose.estimation.segment import Recording, Segment
 from fgpose.estimation.settling import settled
 from fgpose.estimation.solution import Solution, SolvedWindows, first_known
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
-from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.estimation.windows import Window, cut_windows
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
@@ -181,8 +178,7 @@ def _solve_lengths(segment: Segment) -> tuple[Solution, Float[np.ndarray, "lengt
         unknown_m = np.full_like(solution.lengths_m, np.nan)
         return replace(solution, length_sigma_m=unknown_m), np.full(2 * solution.lengths_m.shape, np.nan)
     lengths_m = first_known([solution.lengths_m, informed.lengths_m])
-    problem = NormalEquations(replace(informed, initial_m=solution.positions_m, lengths_m=lengths_m))
-    covariance_m2 = shared_errors(segment.evidence.time_s) ** 2 * problem.length_covariance_m2(problem.initial())
+    covariance_m2 = length_covariance_of_errors_m2(replace(informed, lengths_m=lengths_m), solution.positions_m)
     sigma_m = np.where(np.isfinite(solution.lengths_m), np.sqrt(np.diag(covariance_m2)), np.nan)
     return _described(informed, replace(solution, length_sigma_m=sigma_m)), covariance_m2
 

@@ -191,8 +191,9 @@ class ErrorProducts:
 
 
 def lags_of(n_frames: int, step_s: float) -> Int[np.ndarray, " lag"]:
-    """At which the autocovariance is taken, in frames; the first is none."""
-    longest = min(int(_LONGEST_LAG_S / step_s), n_frames - 1)
+    """At which the autocovariance is taken, in frames; the first is none. The next frame always counts: of frames that
+    are far apart it tells what is constant."""
+    longest = min(max(int(_LONGEST_LAG_S / step_s), 1), n_frames - 1)
     return np.unique([0, *np.geomspace(1, max(longest, 1), _MOST_LAGS).astype(int)]) if longest else np.zeros(1, int)
 
 

@@ -27,6 +27,7 @@ from fgpose.estimation.covariances.detection_errors import (
     products_later,
     share_of_visible,
 )
+from fgpose.estimation.covariances.length_effects import LengthEffects
 from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, SURELY_M, CameraMoves, JointMoves, without_move
 from fgpose.estimation.covariances.roughness import TELLS_AGAIN_S, roughness
 from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR
@@ -59,7 +60,7 @@ def covariance_of_errors_m2(
     """Covariance of every active joint around the solution of a segment, NaN elsewhere; and the variance of the
     lasting errors of each joint's detections, in that of the graph."""
     linearized, joints = NormalEquations(segment).linearized(positions_m), segment.joints
-    step_s = min(usual_step_s(segment.evidence.time_s), LONGEST_STEP_S)
+    step_s = _step_s(segment)
     bias_share = segment.evidence.bias_share[:, joints, None, None]
     with one_blas_thread():
         covariance_m2 = surely_positive(linearized.covariance_m2())
@@ -86,6 +87,22 @@ def covariance_of_errors_m2(
     lasting_of_all = np.ones(positions_m.shape[1])
     lasting_of_all[joints] = lasting
     return covariance_m2, lasting_of_all
+
+
+def length_covariance_of_errors_m2(
+    segment: Segment, positions_m: Float[np.ndarray, "frame joint 3"]
+) -> Float[np.ndarray, "length length"]:
+    """Covariance of the shared bone lengths around the solution of a segment. Frames may be far apart: what does not
+    change from one to the next is constant. A camera that has moved makes errors that last."""
+    linearized, step_s = NormalEquations(segment).linearized(positions_m), _step_s(segment)
+    with one_blas_thread():
+        telling = _telling(segment, linearized, _with_bias(segment, linearized))
+        effects = LengthEffects.of(linearized, segment.evidence.time_s, segment.evidence.bias_share[:, segment.joints])
+        covariance_m2, lasting_in_views = effects.of_rest_m2, _lasting_in_views(segment, linearized, telling)
+        for sizes in _kinds(segment, positions_m, _sizes(telling, step_s)):
+            components = _components(segment, telling.in_sizes(sizes), step_s)
+            covariance_m2 = covariance_m2 + effects.covariance_m2(components, lasting_in_views, sizes)
+    return covariance_m2
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +135,13 @@ class Deviations:
     ) -> Deviations:
         """From errors with these components, of whose constant part this much is left, and of whose lasting ones each
         view has so many times as much as all together; in each frame the variance of all is so many times as large."""
-        (n_frames, _, n_slots), mixing = linearized.weight.shape, _root(components.correlation)
+        (n_frames, _, n_slots), mixing = linearized.weight.shape, components.mixing
         samples_m, covariance_m2 = np.zeros((_SAMPLES, n_frames, n_slots, 3)), np.zeros((n_frames, n_slots, 3, 3))
         root_size = np.sqrt(np.broadcast_to(sizes, n_frames))[:, None, None, None]
         for time_s, variance in zip(TIMES_S, components.variances.T, strict=True):
             if not variance.any():
                 continue
-            of_views = np.broadcast_to(_of_views(time_s, components, lasting), linearized.weight.shape[1:])
+            of_views = np.broadcast_to(components.in_views(time_s, lasting), linearized.weight.shape[1:])
             sigma = np.sqrt(of_views[..., None] * variance[:, None] * components.axes)
             correlation = float(correlation_after(time_s, np.array([step_s]))[0])
             rounds, share = _rounds(time_s, n_frames, step_s), bias_share if np.isinf(time_s) else 1.0
@@ -178,6 +195,10 @@ def share_of_motion(
         return share
     measurements = float(tells.sum()) * min(step_s / TELLS_AGAIN_S, 1.0)
     return share * roughness(found_m2[tells], noise_m2[tells], in_graph_m2[tells], measurements)
+
+
+def _step_s(segment: Segment) -> float:
+    return min(usual_step_s(segment.evidence.time_s), LONGEST_STEP_S)
 
 
 def _with_bias(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "frame camera slot 2"]:
@@ -245,16 +266,6 @@ def _lasting_in_views(
     return np.divide(inverse, together, out=np.ones_like(inverse), where=(inverse > 0) & (together > 0))
 
 
-def _of_views(
-    time_s: float, components: ErrorComponents, lasting: Float[np.ndarray, "camera slot"] | float
-) -> Float[np.ndarray, "*camera slot"]:
-    """By how much more or less of a component each view has; its components together stay the same, if they can."""
-    if time_s > 0:
-        return lasting * np.ones(len(components.variances))
-    white, others = components.variances[:, 0], components.variances[:, 1:].sum(axis=1)
-    return np.maximum(white + others * (1.0 - lasting), 0.0) / np.maximum(white, 1e-12)
-
-
 def _of_cameras(
     segment: Segment, linearized: Linearized, positions_m: Float[np.ndarray, "frame joint 3"], step_s: float
 ) -> tuple[Float[np.ndarray, "frame slot 3 3"], Float[np.ndarray, "frame camera slot 2"]]:
@@ -280,12 +291,6 @@ def _of_cameras(
         if np.trace(moments_m2, axis1=-2, axis2=-1).max() > SURELY_M**2:
             residual[part] = without[part]
     return found_m2, residual
-
-
-def _root(correlation: Float[np.ndarray, "slot slot"]) -> Float[np.ndarray, "slot slot"]:
-    """The symmetric one: of others, rounding errors choose the signs of the samples."""
-    values, vectors = np.linalg.eigh(correlation)
-    return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
 
 
 def _samples(

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fgpose.estimation.covariances.detection_errors import ErrorProducts
 from fgpose.estimation.noise import CORRELATED_FACTOR, CORRELATION_S, ErrorCorrelation, correlated_frames
@@ -95,6 +95,27 @@ class ErrorComponents:
         correlation = _shrunk(products.correlation, products.others_dimensions / frames_as_one)
         usual = _usual_difference(joints) if joints else np.zeros(len(ratio))
         return ErrorComponents(variances, correlation, _by_axis(products, freedom, usual))
+
+    def of_joints(self, joints: Int[np.ndarray, " own_joint"]) -> ErrorComponents:
+        """Of some of the joints."""
+        return ErrorComponents(self.variances[joints], self.correlation[np.ix_(joints, joints)], self.axes[joints])
+
+    def in_views(
+        self, time_s: float, lasting: Float[np.ndarray, "camera joint"] | float
+    ) -> Float[np.ndarray, "*camera joint"]:
+        """By how much more or less of a component each view has, if it has so many times as much of the lasting ones as
+        all together; its components together stay the same, if they can."""
+        if time_s > 0:
+            return lasting * np.ones(len(self.variances))
+        white, others = self.variances[:, 0], self.variances[:, 1:].sum(axis=1)
+        return np.maximum(white + others * (1.0 - lasting), 0.0) / np.maximum(white, 1e-12)
+
+    @property
+    def mixing(self) -> Float[np.ndarray, "joint joint"]:
+        """Makes errors that are correlated between joints out of independent ones. The symmetric root: of others,
+        rounding errors choose the signs of what is made."""
+        values, vectors = np.linalg.eigh(self.correlation)
+        return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
 
     @property
     def lasting(self) -> Float[np.ndarray, " joint"]:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
+from fgpose.estimation.covariances.length_effects import LengthEffects
+from fgpose.estimation.covariances.variance_components import ErrorComponents
 from fgpose.estimation.evidence.evidence import Evidence, concatenated
 from fgpose.estimation.evidence.other_bones import other_bone, without_known
 from fgpose.estimation.factors.prior import length_prior
-from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import NormalEquations
@@ -89,14 +89,18 @@ class RunningLengths:
                 if time_s in frames:
                     frames[time_s] = evidence.frames(slice(number, number + 1))
 
-    def improve(self, rig: CameraRig) -> None:
-        """The next step of an estimation that has begun; otherwise begin one if there is reason to. The rig is that of
-        the evidence."""
+    def improve(self, rig: CameraRig, errors: ErrorComponents) -> None:
+        """The next step of an estimation that has begun; otherwise begin one if there is reason to.
+
+        Args:
+            rig: that of the evidence.
+            errors: of the detections of all joints, as far as they are known by now.
+        """
         if self._estimation is None:
             self._estimation = self._begun(rig)
             return
         if self._estimation.has_settled():
-            settled, self._estimation = self._estimation, None
+            settled, self._estimation = self._estimation.estimated(errors), None
             (self._compare if settled.is_of_last else self._take)(settled)
 
     def have_changed(self, lengths_m: Float[np.ndarray, "*frames length"]) -> Bool[np.ndarray, "*frames"]:
@@ -118,7 +122,7 @@ class RunningLengths:
         unknown = BoneLengths.unknown(self._skeleton.n_lengths)
         return _Estimation(self._last, unknown, rig, self._skeleton, self._config, is_of_last=True)
 
-    def _take(self, sample: _Estimation) -> None:
+    def _take(self, sample: _Estimated) -> None:
         other = None
         if np.isfinite(self._before.lengths_m).any():
             seen = without_known(self._before, sample.lengths_m, sample.covariance_m2)
@@ -129,7 +133,7 @@ class RunningLengths:
             self.know(BoneLengths.unknown(self._skeleton.n_lengths))
             self.other_bone = other
 
-    def _compare(self, last: _Estimation) -> None:
+    def _compare(self, last: _Estimated) -> None:
         """Begin anew with the last frames where their bones are others than those that were learned."""
         other = other_bone(self.learned, last.lengths_m, last.covariance_m2, self._skeleton.length_names)
         if other is not None:
@@ -157,30 +161,40 @@ class _Estimation:
     ) -> None:
         self.frames, self.is_of_last = dict(frames), is_of_last
         sample = Segment.of_recording(concatenated([*frames.values()]), rig, skeleton, config)
-        self._inflation = shared_errors(sample.evidence.time_s)  # all deviations of the problem are too small by it
         guess = sample.lengths_m, config.prior.length_sigma_m
         mean_m, _ = length_prior(skeleton, before, *guess)
-        self._problem = NormalEquations(replace(sample, known=before, lengths_m=mean_m))
+        self._sample = replace(sample, known=before, lengths_m=mean_m)
+        self._problem = NormalEquations(self._sample)
         self._search = Search(self._problem, self._problem.initial())
         self._steps_left = _STEPS
-
-    @property
-    def lengths_m(self) -> Float[np.ndarray, " length"]:
-        """NaN: not estimated."""
-        return self._problem.lengths_m(self._search.state)
-
-    @cached_property  # asked for when it has settled
-    def covariance_m2(self) -> Float[np.ndarray, "length length"]:
-        return self._inflation**2 * self._problem.length_covariance_m2(self._search.state)
-
-    @property
-    def lengths(self) -> BoneLengths:
-        sigma_m = np.sqrt(np.diag(self.covariance_m2))
-        is_known = (self.lengths_m > 0) & np.isfinite(sigma_m)
-        return BoneLengths(np.where(is_known, self.lengths_m, np.nan), sigma_m)
 
     def has_settled(self) -> bool:
         """After one more step; lengths settle long before the joints that are hardly seen."""
         size = self._search.descend()
         self._steps_left -= 1
         return size is None or size < self._problem.step_tolerance or not self._steps_left
+
+    def estimated(self, errors: ErrorComponents) -> _Estimated:
+        """What it has found, if these are the errors of the detections of all joints."""
+        sample, state = self._sample, self._search.state
+        linearized = self._problem.linearized(self._problem.positions_m(state))
+        effects = LengthEffects.of(linearized, sample.evidence.time_s, sample.evidence.bias_share[:, sample.joints])
+        covariance_m2 = effects.of_rest_m2 + effects.covariance_m2(errors.of_joints(sample.joints))
+        return _Estimated(self.frames, self.is_of_last, self._problem.lengths_m(state), covariance_m2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimated:
+    """The lengths of a sample of frames."""
+
+    frames: dict[float, Evidence]
+    is_of_last: bool
+    lengths_m: Float[np.ndarray, " length"]
+    """NaN: not estimated."""
+    covariance_m2: Float[np.ndarray, "length length"]
+
+    @property
+    def lengths(self) -> BoneLengths:
+        sigma_m = np.sqrt(np.diag(self.covariance_m2))
+        is_known = self.lengths_m > 0
+        return BoneLengths(np.where(is_known, self.lengths_m, np.nan), sigma_m)

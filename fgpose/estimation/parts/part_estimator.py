@@ -292,7 +292,7 @@ class PartEstimator:
     def _learn(self) -> None:
         """From the newest frame, all images of which are there that will be used."""
         self._lengths.add(self._window[-1].evidence)
-        self._lengths.improve(self._rig)
+        self._lengths.improve(self._rig, self._estimates.error_components)
         self._sole_views.learn(self._window[-1], self._lengths.learned.lengths_m, self._rig)
 
     def _learn_smoothed(self, oldest: FrameState) -> None:

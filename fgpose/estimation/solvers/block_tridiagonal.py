@@ -130,6 +130,12 @@ class BlockTridiagonal:
         solved = self.shared_covariance @ (shared - self._border.T @ reduced[:, 0])
         return self._back(reduced - (self._border @ solved)[:, None]).reshape(frames.shape), solved
 
+    def shared_responses(self) -> Float[np.ndarray, "frame size shared"]:
+        """The inverse between the unknowns of the frames and the shared ones: their covariance, if this is an
+        information matrix."""
+        responses = -self._back(self._border) @ self.shared_covariance
+        return responses.reshape(-1, self._band.size, len(self.shared_covariance))
+
     def inverse_blocks(self) -> Iterator[Float[np.ndarray, "size size"]]:
         """Diagonal blocks of the inverse, from the last frame to the first: the marginal covariance of each frame, if
         this is an information matrix.

@@ -161,14 +161,6 @@ class NormalEquations:
         lengths_m[self._segment.estimated_lengths] = state.lengths_m[self._segment.estimated_lengths]
         return lengths_m
 
-    def length_covariance_m2(self, state: BatchState) -> Float[np.ndarray, "length length"]:
-        """Covariance of the shared bone lengths, errors of frames taken for independent; NaN if it is not
-        determined."""
-        try:
-            return self._factorize(self._information(state)).shared_covariance
-        except np.linalg.LinAlgError:
-            return np.full(2 * state.lengths_m.shape, np.nan)
-
     def matrix(self, state: BatchState, near: Factorized | None = None) -> BlockTridiagonal:
         """Factorised, with a prior where there must be one (see linearized), and raises as it does.
 
@@ -264,6 +256,17 @@ class Linearized:
         no_lengths = np.zeros(self._segment.n_lengths)
         solved = self._factorized.solve(np.append(gradient, no_lengths))
         return _split(solved, self._factorized.shape)[0][:, 0]
+
+    def length_effects_m(self) -> Float[np.ndarray, "frame camera slot 2 length"]:
+        """Deviations of the shared bone lengths, by the error of each detection: what deviation_m is of the joints."""
+        (n_frames, n_kinds, n_slots, _), n_lengths = self._factorized.shape, self._segment.n_lengths
+        responses = self._factorized.matrix.shared_responses().reshape(n_frames, n_slots, 3, n_kinds, n_lengths)
+        effects_m = self._pull.swapaxes(-1, -2) @ responses[..., 0, :]
+        return effects_m.reshape(n_frames, n_slots, -1, 2, n_lengths).transpose(0, 2, 1, 3, 4)
+
+    def length_covariance_m2(self) -> Float[np.ndarray, "length length"]:
+        """Covariance of the shared bone lengths, all errors taken for independent."""
+        return self._factorized.matrix.shared_covariance
 
 
 def position_blocks(covariance: Float[np.ndarray, "unknown unknown"], n_joints: int) -> Float[np.ndarray, "joint 3 3"]:

@@ -8,8 +8,12 @@ from scipy.stats import chi2
 
 import fgpose
 from fgpose.config import SwingConfig, config_from_dict
-from fgpose.estimation.covariances.uncertainty import distrust_factor, distrust_factor_online, with_swing
-from fgpose.estimation.covariances.walk_unseen import speed_unseen_mps
+from fgpose.estimation.covariances.uncertainty import (
+    distrust_factor,
+    distrust_factor_online,
+    speed_unseen_mps,
+    with_swing,
+)
 from fgpose.estimation.noise import surely_positive
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import Scene

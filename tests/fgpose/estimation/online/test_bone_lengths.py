@@ -10,6 +10,7 @@ import pytest
 from jaxtyping import Float
 
 from fgpose.config import Config
+from fgpose.estimation.covariances.variance_components import ErrorComponents
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.factors.prior import length_prior
@@ -48,7 +49,7 @@ def learned(
     lengths = lengths or RunningLengths(scene.observations.skeleton, config)
     for frame in range(0, scene.observations.n_frames, every):
         lengths.add(gather(scene.observations.frames(slice(frame, frame + 1)), scene.rig, config))
-        lengths.improve(scene.rig)
+        lengths.improve(scene.rig, ErrorComponents.usual(scene.observations.skeleton.joints))
         yield lengths
 
 
@@ -142,7 +143,7 @@ def test_frames_that_know_no_bone_are_no_sample(rig: CameraRig, skeleton: Skelet
             points_px[:, 1:] = np.nan
             observations = replace(observations, points2d_px=points_px)
         lengths.add(gather(observations, rig, CONFIG))
-        lengths.improve(rig)
+        lengths.improve(rig, ErrorComponents.usual(skeleton.joints))
     assert np.isfinite(lengths.learned.lengths_m).all()
 
 
@@ -178,7 +179,7 @@ def test_a_hallucination_that_was_taken_back_counts_no_more(rig: CameraRig, skel
         for revision in revisions:
             lengths.revise(revision)
         while np.isnan(lengths.learned.lengths_m).any():
-            lengths.improve(rig)
+            lengths.improve(rig, ErrorComponents.usual(skeleton.joints))
         return float(lengths.learned.lengths_m[forearm])
 
     truth_m = true_lengths_m(exact)[forearm]
@@ -269,7 +270,7 @@ def test_lengths_of_guessed_legs_are_not_kept() -> None:
         told = set()
         for frame in seen:
             lengths.add(gather(frame, RIG, CONFIG))
-            lengths.improve(RIG)
+            lengths.improve(RIG, ErrorComponents.usual(SKELETON.joints))
             told |= {lengths.other_bone} - {None}
         assert len(told) == others
         away_m = lengths.learned.lengths_m - median_lengths(SKELETON, truth_m)
