@@ -16,6 +16,7 @@ from fgpose.kinematics.definitions import angles_of
 from fgpose.kinematics.landmarks import landmarks, points_of
 from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.kinematics.quantities import Quantities
+from fgpose.kinematics.ranges import AngleRanges, ranges_without_noise
 from fgpose.shown.wrong_types import check_type
 from fgpose.skeleton import Skeleton
 from fgpose.skeletons import named_skeleton
@@ -62,14 +63,28 @@ class JointAngles(Quantities):
             shares: of the frames in which an angle is determined, from 0 to 1.
         """
         quantiles_deg = np.full((len(shares), len(self.names)), np.nan)
-        for index, angle_deg in enumerate(self.angle_deg.T):
-            ordered_deg = np.sort(angle_deg[np.isfinite(angle_deg)] % 360)
-            if len(ordered_deg):
-                first = int(np.argmax(np.diff(ordered_deg, prepend=ordered_deg[-1] - 360)))
-                opened_deg = np.append(ordered_deg[first:], ordered_deg[:first] + 360)
-                turns = np.floor((np.median(opened_deg) + 180) / 360)
-                quantiles_deg[:, index] = np.quantile(opened_deg, shares) - 360 * turns
+        for index, angle_deg in enumerate(self._opened_deg().T):
+            known_deg = angle_deg[np.isfinite(angle_deg)]
+            if len(known_deg):
+                quantiles_deg[:, index] = np.quantile(known_deg, shares)
         return quantiles_deg
+
+    def ranges(self, shares: Sequence[float]) -> AngleRanges:
+        """The same quantiles without what noise adds to them, which makes extremes too extreme, each with a standard
+        deviation of its own (fgpose.kinematics.ranges); as quantiles_deg where no standard deviation is known."""
+        return ranges_without_noise(self.time_s, self._opened_deg(), self.sigma_deg, np.array(shares, dtype=float))
+
+    def _opened_deg(self) -> Float[np.ndarray, "frame angle"]:
+        """The angles, with whole turns added so that each goes on where it would jump."""
+        opened_deg = np.array(self.angle_deg, dtype=float)
+        for angle_deg in opened_deg.T:
+            known = np.isfinite(angle_deg)
+            if known.any():
+                ordered_deg = np.sort(angle_deg[known] % 360)
+                first_deg = ordered_deg[int(np.argmax(np.diff(ordered_deg, prepend=ordered_deg[-1] - 360)))]
+                angle_deg[known] = (angle_deg[known] - first_deg) % 360 + first_deg
+                angle_deg -= 360 * np.floor((np.median(angle_deg[known]) + 180) / 360)
+        return opened_deg
 
 
 def angle_names(skeleton: Skeleton | str) -> tuple[str, ...]:

@@ -24,10 +24,12 @@ if TYPE_CHECKING:
 class Angles:
     """Joint angles of a result, by the recommendations of the ISB.
 
-    Prints their ranges, and writes them. Flexion, adduction, internal rotation and dorsiflexion are positive, as are
-    bending and obliquity to the right and rotation to the left. A straight knee or elbow has flexion 0; the shoulder's
-    plane of elevation is 0 in abduction and 90 in forward flexion. Where joints do not determine an angle (hip rotation
-    of a straight leg), there is a gap.
+    Prints their ranges, and writes them. The least and the greatest of an angle are without what noise adds to the
+    extremes of a curve, each ± its own standard deviation; what is written has the noise in it.
+
+    Flexion, adduction, internal rotation and dorsiflexion are positive, as are bending and obliquity to the right and
+    rotation to the left. A straight knee or elbow has flexion 0; the shoulder's plane of elevation is 0 in abduction
+    and 90 in forward flexion. Where joints do not determine an angle (hip rotation of a straight leg), there is a gap.
 
     Each -o FILE is written as its extension says: .parquet and .csv have angles, speeds and heights with their standard
     deviations, one row for each; .mot has the coordinates of OpenSim; .bvh is for Blender; .c3d has the rotations of
@@ -75,16 +77,25 @@ class Angles:
 
 
 def ranges_table(angles: JointAngles) -> Table:
-    """One row per angle: least, median and greatest value, mean standard deviation, and in how many frames it is
+    """One row per angle: least, median and greatest value without what noise adds, each with its standard deviation;
+    by how much the curve that is written goes beyond both extremes together; and in how many frames the angle is
     determined."""
 
-    table = new_table("angle [deg]", "min", "median", "max", "sigma", "known [%]")
-    quantiles_deg = angles.quantiles_deg((0.0, 0.5, 1.0))
+    table = new_table("angle [deg]", "min", "median", "max", "noise", "known")
+    for column in table.columns[1:]:
+        column.no_wrap = True
+    found = angles.ranges((0.0, 0.5, 1.0))
     for index, name in enumerate(angles.names):
-        known, known_sigma_deg = np.isfinite(angles.angle_deg[:, index]), angles.sigma_deg[:, index]
-        known_sigma_deg = known_sigma_deg[np.isfinite(known_sigma_deg)]
-        cells = [f"{value:.1f}" for value in quantiles_deg[:, index]] if known.any() else ["-"] * 3
-        cells.append(f"{known_sigma_deg.mean():.1f}" if len(known_sigma_deg) else "-")
+        pairs = zip(found.quantiles_deg[:, index].tolist(), found.sigma_deg[:, index].tolist(), strict=True)
+        noise_deg = float(found.noise_deg[-1, index] - found.noise_deg[0, index])
+        known = np.isfinite(angles.angle_deg[:, index])
         share = 100 * float(known.mean()) if len(known) else 0.0
-        table.add_row(name.replace("_", " "), *cells, f"{share:.0f}")
+        cells = [*(_with_sigma(*pair) for pair in pairs), _with_sigma(noise_deg, np.nan)]
+        table.add_row(name.replace("_", " "), *cells, f"{share:.0f}%")
     return table
+
+
+def _with_sigma(value: float, sigma: float) -> str:
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:.0f} ± {sigma:.0f}" if np.isfinite(sigma) else f"{value:.1f}"

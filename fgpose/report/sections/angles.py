@@ -43,7 +43,8 @@ def angle_section(recording: FinishedRecording) -> Section:
     intro = (
         f"Bands are ± {BAND_SIGMAS} sigma, propagated from the covariance of the joints: they hold the angle in 95 % "
         "of the frames, if the covariance is right. Angles that are determined in less than "
-        f"{100 * _LEAST_DETERMINED:.0f} % of the frames are in the table alone."
+        f"{100 * _LEAST_DETERMINED:.0f} % of the frames are in the table alone. There, quantiles are without what "
+        "noise adds: the curves go beyond them."
     )
     if recording.main.covariance_m2 is None:
         blocks.append(Note("No bands: the result has no covariance.", is_missing=True))
@@ -84,13 +85,22 @@ def _kinds(angles: JointAngles) -> dict[str, dict[str, int]]:
 
 
 def _table(angles: JointAngles) -> Table:
-    rows, quantiles_deg = [], angles.quantiles_deg((0.025, 0.5, 0.975))
+    rows, found = [], angles.ranges((0.025, 0.5, 0.975))
     for n, name in enumerate(angles.names):
-        low, middle, high = quantiles_deg[:, n].tolist()
+        low, middle, high = found.quantiles_deg[:, n].tolist()
+        noise_deg = float(found.noise_deg[2, n] - found.noise_deg[0, n])
         share = float(np.mean(np.isfinite(angles.angle_deg[:, n])))
-        rows.append((
-            TableCell(name.replace("_", " ")), number(low), number(middle), number(high), number(high - low),
-            number(known_quantile(angles.sigma_deg[:, n], 0.5)), TableCell(f"{100 * share:.0f} %", key=share),
-        ))  # fmt: skip
-    columns = ("angle", "2.5 % / °", "median / °", "97.5 % / °", "range / °", "sigma / °", "determined")
+        numbers = low, middle, high, high - low, noise_deg, known_quantile(angles.sigma_deg[:, n], 0.5)
+        determined = TableCell(f"{100 * share:.0f} %", key=share)
+        rows.append((TableCell(name.replace("_", " ")), *map(number, numbers), determined))
+    columns = (
+        "angle",
+        "2.5 % / °",
+        "median / °",
+        "97.5 % / °",
+        "range / °",
+        "noise adds / °",
+        "sigma / °",
+        "determined",
+    )
     return Table(columns, tuple(rows))

@@ -246,12 +246,13 @@ def test_the_command_prints_ranges_and_writes(
     out = capsys.readouterr().out
     assert "40 frames, skeleton h36m_17" in out
     angles = joint_angles(load_trajectory(source))
-    knee_deg = angles["right_knee_flexion"][1:]
     (line,) = [line for line in out.splitlines() if "right knee flexion" in line]
-    sigma_deg = np.nanmean(angles.sigma_deg[:, angles.names.index("right_knee_flexion")])
-    numbers = [float(word) for word in line.split()[3:]]
-    expected = [knee_deg.min(), np.median(knee_deg), knee_deg.max(), sigma_deg, 98]
-    assert numbers == pytest.approx(expected, abs=0.051)  # one digit
+    number, found = angles.names.index("right_knee_flexion"), angles.ranges((0.0, 0.5, 1.0))
+    noise_deg = found.noise_deg[2, number] - found.noise_deg[0, number]
+    each = np.stack([found.quantiles_deg[:, number], found.sigma_deg[:, number]], axis=1).ravel()
+    numbers = [float(word.rstrip("%")) for word in line.split()[3:] if word != "±"]
+    expected = [*each, noise_deg, 98]
+    assert numbers == pytest.approx(expected, abs=0.51)  # whole degrees
     assert all(path.is_file() for path in outputs)
 
 
