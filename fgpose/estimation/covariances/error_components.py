@@ -98,7 +98,8 @@ def length_covariance_of_errors_m2(
     with one_blas_thread():
         telling = _telling(segment, linearized, _with_bias(segment, linearized))
         effects = LengthEffects.of(linearized, segment.evidence.time_s, segment.evidence.bias_share[:, segment.joints])
-        covariance_m2, lasting_in_views = effects.of_rest_m2, _lasting_in_views(segment, linearized, telling)
+        lasting_in_views = _lasting_in_views(segment, linearized, telling)
+        covariance_m2 = effects.of_rest_m2 + effects.taken_m2(linearized.residual)
         for sizes in _kinds(segment, positions_m, _sizes(telling, step_s)):
             components = _components(segment, telling.in_sizes(sizes), step_s)
             covariance_m2 = covariance_m2 + effects.covariance_m2(components, lasting_in_views, sizes)

@@ -45,6 +45,13 @@ class LengthEffects:
         of_rest_m2 = shared_errors(time_s) ** 2 * (linearized.length_covariance_m2() - of_noise_m2)
         return LengthEffects(effects_m, time_s, bias_share, of_rest_m2)
 
+    def taken_m2(self, residual: Float[np.ndarray, "frame camera slot 2"]) -> Float[np.ndarray, "length length"]:
+        """Second moment of what smoothing has taken from the lengths for good: a smoothed walk has flatter steps, and
+        shorter thighs, however long it lasts. What the residuals would do to the lengths if they were errors tells how
+        much (twicing, Tukey 1977): errors leave nothing in them that does not average out."""
+        taken_m = np.einsum("tcjal,tcja->l", self.of_detections_m, residual)
+        return np.outer(taken_m, taken_m)
+
     def covariance_m2(
         self,
         components: ErrorComponents,
