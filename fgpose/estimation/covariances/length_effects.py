@@ -27,6 +27,8 @@ class LengthEffects:
     """On the lengths, in metres, of the errors of detections, in their standard deviations."""
 
     of_detections_m: Float[np.ndarray, "frame camera slot 2 length"]
+    of_doubted_m: Float[np.ndarray, "frame camera slot 2 length"]
+    """The same, in the standard deviations that are left of them by their weights."""
     time_s: Float[np.ndarray, " frame"]
     bias_share: Float[np.ndarray, "frame slot"]
     """How much of constant errors is left, in their variance."""
@@ -39,11 +41,11 @@ class LengthEffects:
     ) -> LengthEffects:
         """In a problem around its solution."""
         effects_m, weight = linearized.length_effects_m(), linearized.weight[..., None, None]
-        # In the graph the variance of a detection is the inverse of its weight.
+        # The variance of a detection is the inverse of its weight: it may be hallucinated.
         in_graph_m = np.divide(effects_m, np.sqrt(weight), out=np.zeros_like(effects_m), where=weight > 0)
         of_noise_m2 = np.einsum("tcjal,tcjam->lm", in_graph_m, in_graph_m, optimize=True)
         of_rest_m2 = shared_errors(time_s) ** 2 * (linearized.length_covariance_m2() - of_noise_m2)
-        return LengthEffects(effects_m, time_s, bias_share, of_rest_m2)
+        return LengthEffects(effects_m, in_graph_m, time_s, bias_share, of_rest_m2)
 
     def taken_m2(self, residual: Float[np.ndarray, "frame camera slot 2"]) -> Float[np.ndarray, "length length"]:
         """Second moment of what smoothing has taken from the lengths for good: a smoothed walk has flatter steps, and
@@ -67,7 +69,7 @@ class LengthEffects:
             if not variance.any():
                 continue
             sigma = np.sqrt(components.in_views(time_s, lasting)[..., None] * variance[:, None] * components.axes)
-            own_m = root_size * sigma[..., None] * self.of_detections_m
+            own_m = root_size * sigma[..., None] * self.of_doubted_m
             if np.isinf(time_s):
                 own_m *= np.sqrt(self.bias_share)[:, None, :, None, None]
             by_sample_m = np.einsum("js,tcjal->tcsal", mixing, own_m, optimize=True)
