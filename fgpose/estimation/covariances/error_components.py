@@ -20,12 +20,9 @@ from jaxtyping import Bool, Float
 
 from fgpose.estimation.covariances.alike_frames import AVERAGED_S, AlikeFrames
 from fgpose.estimation.covariances.detection_errors import (
-    ErrorProducts,
     TellingDetections,
     accepted,
-    lags_of,
     products_later,
-    share_of_visible,
 )
 from fgpose.estimation.covariances.length_effects import LengthEffects
 from fgpose.estimation.covariances.rig_errors import MOVE_MEMORY_S, SURELY_M, CameraMoves, JointMoves, without_move
@@ -43,7 +40,7 @@ from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
 from fgpose.estimation.visibility.spread import spread_m_of
-from fgpose.sampling import spread_evenly, usual_step_s
+from fgpose.sampling import usual_step_s
 
 # So many samples are drawn at once, until they are so many independent pieces of the time over which they are averaged.
 # The inverse of a covariance from n of these is n / (n - 4) times as large as it should be on average.
@@ -51,7 +48,6 @@ _SAMPLES, _PIECES = 8, 64
 _LEAST_TELLING = 1e-3  # of the variance of the graph
 # Variances that differ by more may be of errors of other kinds.
 _OTHER_KIND = 2.0
-_CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 
 
 def covariance_of_errors_m2(
@@ -217,11 +213,7 @@ def _telling(
 
 def _components(segment: Segment, telling: TellingDetections, step_s: float) -> ErrorComponents:
     """Of the errors of the detections."""
-    lags, spread = lags_of(segment.n_frames, step_s), spread_evenly(segment.n_frames, _CORRELATION_FRAMES)
-    of_accepted, of_all = (ErrorProducts.of(parity, lags, spread) for parity in telling.parities)
-    found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
-    names = [segment.skeleton.joints[joint] for joint in segment.joints]
-    return ErrorComponents.of(found, lags * step_s, step_s, names)
+    return ErrorComponents.told_by(telling, step_s, [segment.skeleton.joints[joint] for joint in segment.joints])
 
 
 def _sizes(telling: TellingDetections, step_s: float) -> Float[np.ndarray, " frame"]:

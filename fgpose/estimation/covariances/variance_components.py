@@ -16,8 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.estimation.covariances.detection_errors import ErrorProducts
+from fgpose.estimation.covariances.detection_errors import (
+    ErrorProducts,
+    TellingDetections,
+    lags_of,
+    share_of_visible,
+)
 from fgpose.estimation.noise import CORRELATED_FACTOR, CORRELATION_S, ErrorCorrelation, correlated_frames
+from fgpose.sampling import spread_evenly
 
 TIMES_S = (0.0, 0.05, CORRELATION_S, 0.5, np.inf)
 """Correlation times of the components, from white to constant. Others in between look like two of them."""
@@ -40,6 +46,7 @@ _USUAL_DIFFERENCE, _MOST_DIFFERENCE = 0.3, 0.9
 # three other cameras: fgpose_benchmarks/data/detection_errors). Half of it, for that is one man.
 _OF_HIPS, _HIPS = 0.5, ("hip", "pelvis")
 _STEPS = 200  # of the integral over the squared correlation
+_CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 _LEAST_OF_JOINT = 0.5  # of a joint in a frame: two cameras have 1, and none where they stand in line with it
 
 
@@ -95,6 +102,15 @@ class ErrorComponents:
         correlation = _shrunk(products.correlation, products.others_dimensions / frames_as_one)
         usual = _usual_difference(joints) if joints else np.zeros(len(ratio))
         return ErrorComponents(variances, correlation, _by_axis(products, freedom, usual))
+
+    @staticmethod
+    def told_by(telling: TellingDetections, step_s: float, joints: Sequence[str]) -> ErrorComponents:
+        """Of the detections of frames that follow each other after this time, of joints with these names."""
+        n_frames = len(telling.parities[0].residual)
+        lags, spread = lags_of(n_frames, step_s), spread_evenly(n_frames, _CORRELATION_FRAMES)
+        of_accepted, of_all = (ErrorProducts.of(parity, lags, spread) for parity in telling.parities)
+        found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
+        return ErrorComponents.of(found, lags * step_s, step_s, joints)
 
     def of_joints(self, joints: Int[np.ndarray, " own_joint"]) -> ErrorComponents:
         """Of some of the joints."""
