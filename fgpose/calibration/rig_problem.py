@@ -18,7 +18,15 @@ from fgpose.geometry.camera import CameraRig
 _STEP_TOLERANCE_M = 1e-5
 
 
-def rig_problem(rig: CameraRig, sightings: Sightings, config: Config, *, poses: bool, clocks: bool) -> BundleProblem:
+def rig_problem(
+    rig: CameraRig,
+    sightings: Sightings,
+    config: Config,
+    *,
+    poses: bool,
+    clocks: bool,
+    of_clocks: Float[np.ndarray, " camera"] | float = 1.0,
+) -> BundleProblem:
     """The optimisation problem.
 
     Args:
@@ -27,6 +35,7 @@ def rig_problem(rig: CameraRig, sightings: Sightings, config: Config, *, poses: 
         config: sigma and kernel of the reprojection errors; sigmas of the priors.
         poses: whether the cameras' poses are unknown; otherwise they are held.
         clocks: whether their time offsets are; that of the first camera is always held.
+        of_clocks: see Noise.
     """
     prior, projection = config.calibration, config.projection
     noise = Noise(
@@ -37,6 +46,7 @@ def rig_problem(rig: CameraRig, sightings: Sightings, config: Config, *, poses: 
         translation_m=prior.translation_sigma_m,
         moved_scale=prior.bumped_sigmas,
         offset_s=prior.offset_sigma_s,
+        of_clocks=of_clocks,
     )
     unknowns = Unknowns.of(rig.n_cameras, range(rig.n_cameras) if poses else (), clocks=clocks)
     return BundleProblem(rig, sightings, unknowns, noise, step_tolerance_m=_STEP_TOLERANCE_M)

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.cameras import adjusted_rig
 from fgpose.calibration.adjustment.problem import Bundle
+from fgpose.calibration.adjustment.scores import covariance_by_errors
 from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA
 from fgpose.calibration.everybody import on_everybody
@@ -19,13 +20,19 @@ from fgpose.calibration.large_moves import refuse_large_moves
 from fgpose.calibration.motion import has_converged, smoothed_motion
 from fgpose.calibration.moved_views import Recording, moved_with_cameras
 from fgpose.calibration.rig_problem import rig_problem, sighting_weights
-from fgpose.calibration.used_parts import Adjusted, Ending, agreed_joints_m, frames_of_each, seen_by_two
+from fgpose.calibration.used_parts import (
+    Adjusted,
+    Ending,
+    agreed_joints_m,
+    frames_of_each,
+    seen_by_two,
+    stretches,
+)
 from fgpose.config import Config
 from fgpose.estimation.evidence.delays import by_mean_clock, delays_s, on_time_px
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
-from fgpose.sampling import usual_step_s
 
 # By chance a camera is that far off in one of 400 recordings.
 SIGNIFICANT_SIGMAS = 3.0
@@ -40,6 +47,12 @@ class RigRefinement(Generic[Recording]):
     """The observations, their per-view 3D moved with the cameras that saw it."""
     rotation_deg: Float[np.ndarray, " camera"]
     translation_m: Float[np.ndarray, " camera"]
+    rotation_sigma_deg: Float[np.ndarray, " camera"]
+    """Standard deviation of the refined orientation about each axis (root mean square), from the errors that the views
+    contradict each other by and from how far the calibration was off. It is in the world of the calibration, so that a
+    shift of everything is in it."""
+    translation_sigma_m: Float[np.ndarray, " camera"]
+    """The same of each coordinate of the refined position."""
     residual_before_px: Float[np.ndarray, " camera"]
     """Median reprojection error of the triangulated joints, with the rig as it was and as it is now; NaN for a camera
     that sees nothing."""
@@ -90,6 +103,8 @@ def refinement(
         observations=moved_with_cameras(observations, before, after),
         rotation_deg=rotation_deg,
         translation_m=translation_m,
+        rotation_sigma_deg=found.rotation_sigma_deg,
+        translation_sigma_m=found.translation_sigma_m,
         residual_before_px=_residual_px(found.undistorted_px, found.confidence, before, config),
         residual_after_px=_residual_px(found.undistorted_px, found.confidence, after, config),
         shift_sigma_m=found.shift_sigma_m,
@@ -125,11 +140,11 @@ def _refined(people: Sequence[Observations], rig: CameraRig, config: Config) -> 
     confidence = np.concatenate([own.confidence[used] for own, used in zip(people, frames, strict=True)])
     joints_m = agreed_joints_m(undistorted_px, confidence, rig, config)
     begins = np.cumsum([len(own) for own in frames])[:-1]
-    steps_s = [usual_step_s(own.frame_time_s[of_own]) for own, of_own in zip(people, frames, strict=True)]
+    used = stretches(people, frames)
     arrays = (np.split(array, begins) for array in (undistorted_px, joints_m, confidence))
     weights = [
-        sighting_weights(own_px, own_m, own_confidence, step_s, config, poses=True)
-        for own_px, own_m, own_confidence, step_s in zip(*arrays, steps_s, strict=True)
+        sighting_weights(own_px, own_m, own_confidence, stretch.step_s, config, poses=True)
+        for own_px, own_m, own_confidence, stretch in zip(*arrays, used, strict=True)
     ]
     sightings = Sightings.on_time(undistorted_px, np.concatenate(weights))
     start = Bundle.of(np.zeros((rig.n_cameras, N_OF_CAMERA)), joints_m)
@@ -137,8 +152,14 @@ def _refined(people: Sequence[Observations], rig: CameraRig, config: Config) -> 
     solution = problem.solve(start)
     smoothed = all(smoothed for _, smoothed in on_time)
     ending = Ending.of(smoothed=smoothed, settled=True, adjusted=solution.convergence.converged)
-    shift_sigma_m = problem.shift_sigma_m(solution.state)
-    return Adjusted(adjusted_rig(rig, solution.state.changes), undistorted_px, confidence, ending, shift_sigma_m)
+    return Adjusted(
+        rig=adjusted_rig(rig, solution.state.changes),
+        undistorted_px=undistorted_px,
+        confidence=confidence,
+        ending=ending,
+        shift_sigma_m=problem.shift_sigma_m(solution.state),
+        covariance=covariance_by_errors(problem, solution.state, confidence, used, people[0].skeleton.joints),
+    )
 
 
 def _on_time_px(

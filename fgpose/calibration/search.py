@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from fgpose.calibration.adjustment.cameras import adjusted_rig
 from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
+from fgpose.calibration.adjustment.scores import covariance_by_errors
 from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, OFFSET, ROTATION, TRANSLATION
 from fgpose.calibration.motion import has_converged, smoothed_motion
@@ -22,6 +23,7 @@ from fgpose.calibration.used_parts import (
     best_seen_of_each,
     frames_of_each,
     seen_by_two,
+    stretches,
 )
 from fgpose.config import Config
 from fgpose.estimation.evidence.delays import on_time_px
@@ -41,8 +43,6 @@ _TOLERANCE_SIGMAS = 0.1
 class Found(Adjusted):
     """The best of the calibrations that were tried."""
 
-    offset_sigma_s: Float[np.ndarray, " camera"]
-    """Standard deviations of the time offsets; zero where they were held."""
     objective: float
     """See fgpose.calibration.adjustment.problem; at the smoothed motion."""
 
@@ -54,6 +54,8 @@ class _Motion:
     sightings: Sightings
     joints_m: Float[np.ndarray, "frame joint 3"]
     """NaN where not known."""
+    for_clocks: Float[np.ndarray, "frame camera joint"]
+    """Weights of the sightings if only clocks were unknown."""
     smoothed: bool
     """Whether the smoother has converged."""
 
@@ -97,7 +99,7 @@ def search(people: Sequence[Observations], rig: CameraRig, config: Config, *, po
             proposed = (best.state.changes + changes) / 2
     return Found(
         rig=best.rig,
-        offset_sigma_s=np.sqrt(np.einsum("cici->ci", best.problem.covariance(best.state))[:, OFFSET]),
+        covariance=setting.covariance(best),
         objective=best.objective,
         ending=Ending.of(smoothed=best.smoothed, settled=not unsettled, adjusted=solution.convergence.converged),
         undistorted_px=best.problem.sightings.undistorted_px,
@@ -132,12 +134,25 @@ class _Setting:
         """Of the detections in the frames that are used."""
         return np.concatenate([part.confidence[used] for part, used in zip(self.parts, self.frames, strict=True)])
 
+    def covariance(self, of: _Candidate) -> Float[np.ndarray, "camera 11 camera 11"]:
+        """Of the changes of the cameras."""
+        used = stretches(self.parts, self.frames)
+        joints = self.parts[0].skeleton.joints
+        return covariance_by_errors(of.problem, of.state, self.confidence, used, joints)
+
     def candidate(self, changes: Float[np.ndarray, "camera 11"]) -> _Candidate:
         """The motions with a calibration, and the adjustment that starts from there."""
         rig = adjusted_rig(self.rig, changes)
         motions = [self._motion(*own, rig, changes) for own in zip(self.parts, self.frames, strict=True)]
         sightings = Sightings.together([motion.sightings for motion in motions])
-        problem = rig_problem(self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks)
+        for_clocks, counted = (
+            np.sum(np.concatenate(weights), axis=(0, 2))
+            for weights in zip(*((motion.for_clocks, motion.sightings.weights) for motion in motions), strict=True)
+        )
+        of_clocks = np.divide(for_clocks, counted, out=np.ones(self.rig.n_cameras), where=counted > 0)
+        problem = rig_problem(
+            self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks, of_clocks=of_clocks
+        )
         state = Bundle.of(changes, np.concatenate([motion.joints_m for motion in motions]))
         smoothed = all(motion.smoothed for motion in motions)
         return _Candidate(rig, problem, state, problem.error(state), smoothed)
@@ -156,13 +171,17 @@ class _Setting:
         joints_m = np.where(known, trajectory.positions_m[frames], np.nan)
         _, by_joint, _ = linearized_projection(undistorted_px, rig, joints_m)
         confidence, step_s = part.confidence[frames], usual_step_s(part.frame_time_s[frames])
+        counted, for_clocks = (
+            sighting_weights(undistorted_px, joints_m, confidence, step_s, self.config, poses=poses)
+            for poses in (self.poses, False)
+        )
         sightings = Sightings(
             undistorted_px,
-            sighting_weights(undistorted_px, joints_m, confidence, step_s, self.config, poses=self.poses),
+            counted,
             (by_joint @ np.where(known, velocities_mps, 0.0)[:, None, ..., None])[..., 0],
             changes[:, OFFSET],
         )
-        return _Motion(sightings, joints_m, has_converged(trajectory))
+        return _Motion(sightings, joints_m, for_clocks, has_converged(trajectory))
 
 
 def _setting(people: Sequence[Observations], rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> _Setting:

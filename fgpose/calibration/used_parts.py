@@ -9,11 +9,13 @@ from enum import Enum
 import numpy as np
 from jaxtyping import Float, Int
 
+from fgpose.calibration.adjustment.scores import Stretch
+from fgpose.calibration.adjustment.unknowns import OFFSET, ROTATION, TRANSLATION
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
-from fgpose.sampling import fair_limits, spread_evenly
+from fgpose.sampling import fair_limits, spread_evenly, usual_step_s
 
 # A camera that is off by a degree moves its detections by 20 to 30 px: with the usual threshold it would never be
 # an inlier, and could not be calibrated.
@@ -57,6 +59,27 @@ class Adjusted:
     ending: Ending
     shift_sigma_m: float
     """See RigRefinement; 0 if the poses of the cameras were held."""
+    covariance: Float[np.ndarray, "camera 11 camera 11"]
+    """Of small changes of each camera (unknowns.N_OF_CAMERA) in its own frame, by the errors that its detections have;
+    zero for what was held."""
+
+    @property
+    def rotation_sigma_deg(self) -> Float[np.ndarray, " camera"]:
+        """About each axis, root mean square."""
+        return np.rad2deg(self._sigma(ROTATION))
+
+    @property
+    def translation_sigma_m(self) -> Float[np.ndarray, " camera"]:
+        """Of each coordinate, root mean square."""
+        return self._sigma(TRANSLATION)
+
+    @property
+    def offset_sigma_s(self) -> Float[np.ndarray, " camera"]:
+        """Of the time offsets."""
+        return self._sigma(slice(OFFSET, OFFSET + 1))
+
+    def _sigma(self, rows: slice) -> Float[np.ndarray, " camera"]:
+        return np.sqrt(np.mean(np.einsum("cici->ci", self.covariance)[:, rows], axis=1))
 
 
 def seen_by_two(people: Sequence[Observations]) -> list[Observations]:
@@ -94,6 +117,12 @@ def frames_of_each(people: Sequence[Observations], at_most: int) -> list[Int[np.
     """The frames of use of each person, all together so many at most."""
     wanted = [len(frames_of_use(own, own.n_frames)) for own in people]
     return [frames_of_use(own, int(limit)) for own, limit in zip(people, fair_limits(wanted, at_most), strict=True)]
+
+
+def stretches(people: Sequence[Observations], frames: Sequence[Int[np.ndarray, " _"]]) -> list[Stretch]:
+    """Of the frames of each person that are used."""
+    pairs = zip(people, frames, strict=True)
+    return [Stretch(len(used), usual_step_s(own.frame_time_s[used])) for own, used in pairs]
 
 
 def agreed_joints_m(

@@ -42,12 +42,15 @@ class Noise:
     centre: float = np.inf
     """Of a principal point, each coordinate, as a share of the diagonal of the image."""
     offset_s: float = np.inf
+    of_clocks: Float[np.ndarray, " camera"] | float = 1.0
+    """How many times as much all detections of a camera say of its clock as by their weights, which may be those for
+    its pose. So much less the prior of its time offset weighs."""
 
     def information(self, unknowns: Unknowns) -> Float[np.ndarray, "camera 11"]:
         """On the changes of each camera; what a group shares counts once."""
         information = np.zeros((unknowns.n_cameras, N_OF_CAMERA))
         information[:, ROTATION], information[:, TRANSLATION] = self.rotation_rad**-2, self.translation_m**-2
-        information[:, OFFSET] = self.offset_s**-2
+        information[:, OFFSET] = self.offset_s**-2 / self.of_clocks
         information[list(unknowns.centres), CENTRE] = self.centre**-2
         for row, groups, sigma in ((FOCAL, unknowns.focal, self.focal), (RADIAL, unknowns.radial, self.k1)):
             for group in groups:

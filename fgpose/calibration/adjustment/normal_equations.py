@@ -49,16 +49,35 @@ class Factorized:
         outer = cho_solve(self._factor, outer, check_finite=False)
         return np.append(outer, self._reduced.joint_steps_m(self._columns @ outer, of_joints))
 
-    def covariance(self) -> Float[np.ndarray, "shared shared"]:
-        """Marginal, of the shared unknowns: biases and joints are unknown too."""
+    def covariance(
+        self, of_scores: Float[np.ndarray, "shared shared"] | None = None
+    ) -> Float[np.ndarray, "shared shared"]:
+        """Marginal, of the shared unknowns: biases and joints are unknown too.
+
+        Args:
+            of_scores: covariance of the gradient by the shared unknowns at the truth, the joints eliminated; of a
+                problem without biases. None: that which the weights and the priors stand for.
+        """
         from scipy.linalg import cho_solve
 
         unit = np.eye(len(self._factor[0]), self._n_shared)
-        return np.asarray(cho_solve(self._factor, unit, check_finite=False))[: self._n_shared]
+        inverse = np.asarray(cho_solve(self._factor, unit, check_finite=False))[: self._n_shared]
+        return inverse if of_scores is None else inverse @ of_scores @ inverse
 
-    def shift_covariance_m2(self, seen: Bool[np.ndarray, "frame joint"]) -> Float[np.ndarray, "3 3"]:
-        """Of the mean of the positions of these joints, by what is not known of the cameras."""
-        n_rows = self._reduced.n_of_cameras
-        by_rows = np.mean(self._reduced.by_step[seen], axis=0)[:n_rows]
-        by_shared = self._columns[:n_rows, : self._n_shared].T @ by_rows
-        return by_shared.T @ self.covariance() @ by_shared
+    @property
+    def joints_by_shared(self) -> Float[np.ndarray, "frame joint shared 3"]:
+        """How far the joints that suit the detections best move with the shared unknowns, but for the sign."""
+        by_rows = self._reduced.by_step[:, :, : self._reduced.n_of_cameras]
+        columns = self._columns[: self._reduced.n_of_cameras, : self._n_shared]
+        return np.einsum("tjra,ru->tjua", by_rows, columns)
+
+    def covariance_with_middle(self, seen: Bool[np.ndarray, "frame joint"]) -> Float[np.ndarray, "row row"]:
+        """Of the shared unknowns and the mean of the positions of these joints, by what is not known of cameras and
+        biases."""
+        from scipy.linalg import cho_solve
+
+        n_rows, count = self._reduced.n_of_cameras, max(int(seen.sum()), 1)
+        of_joint = -np.sum(self._reduced.by_step * seen[..., None, None], axis=0) / count
+        of_rows = np.concatenate([of_joint[:, :n_rows].sum(axis=0), of_joint[:, n_rows:].reshape(-1, 3)])
+        both = np.hstack([np.eye(len(self._factor[0]), self._n_shared), self._columns.T @ of_rows])
+        return both.T @ np.asarray(cho_solve(self._factor, both, check_finite=False))

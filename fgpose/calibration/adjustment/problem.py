@@ -52,7 +52,7 @@ class Bundle:
 
 
 @dataclass(frozen=True, eq=False)
-class _Linearized:
+class Linearized:
     """The detections around a state; the arguments of eliminate_joints."""
 
     residual_px: Float[np.ndarray, "frame camera joint 2"]
@@ -105,6 +105,11 @@ class BundleProblem:
     def damping_scale(self) -> Float[np.ndarray, " unknown"]:
         return np.append(self.unknowns.scale_m2, np.ones(self._n_biases + self._n_coordinates))
 
+    @property
+    def sigma_px(self) -> Float[np.ndarray, " camera"]:
+        """Of a good detection with independent errors."""
+        return self._noise.sigma_px
+
     def solve(self, start: Bundle) -> Solution[Bundle]:
         """The minimum that is reached from this state."""
         return levenberg_marquardt(self, start, _MAX_ITERATIONS)
@@ -126,7 +131,7 @@ class BundleProblem:
         return np.where(projection.in_front & (self.sightings.weights > 0), length_px, np.nan)
 
     def gradient(self, state: Bundle) -> Float[np.ndarray, " unknown"]:
-        terms = self._linearized(state)
+        terms = self.linearized(state)
         pull = terms.weights[..., None] * terms.residual_px
         of_cameras = np.einsum("tcji,tcjik->ck", pull, terms.by_camera)
         of_cameras += self._prior_weights(state) * state.changes
@@ -170,7 +175,7 @@ class BundleProblem:
         Raises:
             LinAlgError: they are not positive definite.
         """
-        terms, columns = self._linearized(state), self.unknowns.columns
+        terms, columns = self.linearized(state), self.unknowns.columns
         rows = np.diag(self._prior_weights(state).ravel())
         if self._gauge is not None:
             _, by_far = self._gauge.residual(state.changes)
@@ -182,18 +187,53 @@ class BundleProblem:
         of_shared = columns.T @ rows @ columns + damping * np.diag(self.unknowns.scale_m2)
         return Factorized(reduced, columns, of_shared, self._noise.bias_m**-2 + damping)
 
-    def covariance(self, state: Bundle) -> Float[np.ndarray, "camera 11 camera 11"]:
+    def covariance(
+        self, state: Bundle, of_scores: Float[np.ndarray, "shared shared"] | None = None
+    ) -> Float[np.ndarray, "camera 11 camera 11"]:
         """Marginal covariance of small changes of each camera as it is now, in its own frame; biases and joints are
         unknown too. Zero for what is held.
+
+        Args:
+            state: the optimum.
+            of_scores: see Factorized.covariance.
 
         Raises:
             LinAlgError: they are not determined.
         """
+        columns = self._own_columns(state)
+        return np.einsum("ciu,uv,djv->cidj", columns, self.equations(state).covariance(of_scores), columns)
+
+    def covariance_with_middle(self, state: Bundle) -> Float[np.ndarray, "row row"]:
+        """Of the poses of all cameras, as in covariance, camera after camera, and then of the mean of the positions of
+        the joints that two cameras see.
+
+        Raises:
+            LinAlgError: they are not determined.
+        """
+        from scipy.linalg import block_diag
+
+        columns = self._own_columns(state)[:, POSE].reshape(-1, self.unknowns.n_shared)
+        rows = block_diag(columns, np.eye(3))
+        return rows @ self.equations(state).covariance_with_middle(self.seen_by_two) @ rows.T
+
+    @property
+    def seen_by_two(self) -> Bool[np.ndarray, "frame joint"]:
+        """Joints that two cameras or more see."""
+        return np.asarray(np.sum(self.sightings.weights > 0, axis=1) >= 2)
+
+    def _own_columns(self, state: Bundle) -> Float[np.ndarray, "camera 11 shared"]:
+        """The unknowns as small changes of each camera as it is now, in its own frame."""
         own_by_changes = np.tile(np.eye(N_OF_CAMERA), (self.rig.n_cameras, 1, 1))
         own_by_changes[:, POSE, POSE] = Views.of(self.rig, state.changes).own_by_pose
-        columns = self.unknowns.columns.reshape(self.rig.n_cameras, N_OF_CAMERA, -1)
-        columns = own_by_changes @ columns
-        return np.einsum("ciu,uv,djv->cidj", columns, self.equations(state).covariance(), columns)
+        return own_by_changes @ self.unknowns.columns.reshape(self.rig.n_cameras, N_OF_CAMERA, -1)
+
+    def covariance_of_prior_scores(self, state: Bundle) -> Float[np.ndarray, "shared shared"]:
+        """Of what the priors add to the gradient at the truth, which is as far from their means as they say. Those of
+        the poses were too narrow if the cameras had to be moved by more, on median."""
+        of_cameras = self._prior_weights(state)
+        of_cameras[:, POSE] *= self._widened(state)
+        of_cameras[:, OFFSET] /= self._noise.of_clocks
+        return self.unknowns.columns.T @ (of_cameras.ravel()[:, None] * self.unknowns.columns)
 
     def shift_sigma_m(self, state: Bundle) -> float:
         """Standard deviation of each coordinate of a shift of all cameras and joints together, root mean square.
@@ -204,10 +244,12 @@ class BundleProblem:
         Raises:
             LinAlgError: the cameras are not determined.
         """
-        seen_by_two = np.sum(self.sightings.weights > 0, axis=1) >= 2
-        covariance_m2 = self.equations(state).shift_covariance_m2(seen_by_two)
-        moved = np.median(self._moved_squared(state)) / _MEDIAN_OF_SIX
-        return float(np.sqrt(np.trace(covariance_m2) / 3 * max(1.0, moved)))
+        covariance_m2 = self.equations(state).covariance_with_middle(self.seen_by_two)[-3:, -3:]
+        return float(np.sqrt(np.trace(covariance_m2) / 3 * self._widened(state)))
+
+    def _widened(self, state: Bundle) -> float:
+        """By how much the variances of the priors of the poses were too small."""
+        return max(1.0, float(np.median(self._moved_squared(state))) / _MEDIAN_OF_SIX)
 
     def _prior_weights(self, state: Bundle) -> Float[np.ndarray, "camera 11"]:
         """Information of the priors, where those of the poses are robust."""
@@ -236,7 +278,8 @@ class BundleProblem:
         squared_px2 = np.where(in_front, np.sum(residual_px**2, axis=-1), behind_px2)
         return squared_px2 / self._noise.sigma_px[:, None] ** 2
 
-    def _linearized(self, state: Bundle) -> _Linearized:
+    def linearized(self, state: Bundle) -> Linearized:
+        """Detections and their derivatives around a state."""
         projection, noise, sightings = self._projection(state), self._noise, self.sightings
         residual_px, jacobians = self._from_detections(projection, state), projection.jacobians()
         squared = self._squared(residual_px, projection.in_front)
@@ -244,7 +287,7 @@ class BundleProblem:
         weights = np.where(projection.in_front, sightings.weights * robust, 0.0) / noise.sigma_px[:, None] ** 2
         by_own = jacobians.by_bias @ self._seen_from.axes[:, None]
         by_bias = np.einsum("tcjib,tcs->tcjisb", by_own, self._seen_from.sector)
-        return _Linearized(
+        return Linearized(
             residual_px=residual_px,
             by_joint=jacobians.by_joint,
             by_camera=np.concatenate([jacobians.by_camera, sightings.velocity_pxps[..., None]], axis=-1),
