@@ -174,8 +174,8 @@ def people_table(people: Mapping[int, Trajectory]) -> Table:
 
 
 def calibration_table(calibration: CameraCalibration, frame_time_s: np.ndarray) -> Table:
-    """How far each camera was moved, its error before and after, and its time offset with its standard deviation, also
-    in frames of the recording (T,)."""
+    """How far each camera was moved, how well it is known now, its error before and after, and its time offset with its
+    standard deviation, also in frames of the recording (T,)."""
     refinement, offsets = calibration.refinement, calibration.time_offsets
     table = new_table("calibration", *calibration.rig.names)
     rows: dict[str, tuple[np.ndarray, int]] = {}
@@ -183,6 +183,8 @@ def calibration_table(calibration: CameraCalibration, frame_time_s: np.ndarray) 
         rows |= {
             "turned by [deg]": (refinement.rotation_deg, 2),
             "moved by [mm]": (1000 * refinement.translation_m, 0),
+            "standard deviation about each axis [deg]": (refinement.rotation_sigma_deg, 2),
+            "standard deviation along each axis [mm]": (1000 * refinement.translation_sigma_m, 0),
             "triangulation error before [px]": (refinement.residual_before_px, 1),
             "triangulation error after [px]": (refinement.residual_after_px, 1),
         }

@@ -75,9 +75,16 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
         known = replace(known, offset_sigma_s=_known(found.rig, found.time_offsets.sigma_s))
     if found.refinement is not None:
         estimated.add("poses")
-        rows = zip(found.rig.names, found.refinement.rotation_deg, found.refinement.translation_m, strict=True)
-        moved = tuple(MovedCamera(name, float(deg), float(m)) for name, deg, m in rows)
-        known = replace(known, moved=moved, shift_sigma_m=found.refinement.shift_sigma_m)
+        refined = found.refinement
+        numbers = (
+            refined.rotation_deg,
+            refined.translation_m,
+            refined.rotation_sigma_deg,
+            refined.translation_sigma_m,
+        )
+        rows = zip(found.rig.names, *(each.tolist() for each in numbers), strict=True)
+        moved = tuple(MovedCamera(*row) for row in rows)
+        known = replace(known, moved=moved, shift_sigma_m=refined.shift_sigma_m)
     return replace(origin, rig=rig, calibration=known, estimated=tuple(sorted(estimated)))
 
 

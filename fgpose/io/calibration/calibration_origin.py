@@ -33,6 +33,10 @@ class MovedCamera:
     camera: str
     rotation_deg: float
     translation_m: float
+    rotation_sigma_deg: float = 0.0
+    """Standard deviation of its orientation afterwards, about each axis; 0: not known."""
+    translation_sigma_m: float = 0.0
+    """Of each coordinate of its position afterwards; 0: not known."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.config import Config, config_to_toml
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.io.origin import InputFile, Origin
+from fgpose.io.origin import InputFile, MovedCamera, Origin
 from fgpose.report.blocks import Block, Note, Section, Table, TableCell, Text
 
 FROM_PEOPLE = "from people"
@@ -60,7 +60,7 @@ def facts_of(origin: Origin) -> dict[str, str]:
     if origin.calibration.grade:
         facts[f"Calibration {origin.calibration.method or FROM_PEOPLE}"] = origin.calibration.grade
     for each in origin.calibration.moved:
-        facts[f"Camera {each.camera} moved by"] = f"{each.rotation_deg:.2f}°, {1000 * each.translation_m:.0f} mm"
+        facts[f"Camera {each.camera} moved by"] = _move(each)
     if origin.calibration.shift_sigma_m:
         facts["Everything may be shifted by"] = f"{1000 * origin.calibration.shift_sigma_m:.0f} mm (SD along each axis)"
     if origin.remarks:
@@ -70,6 +70,14 @@ def facts_of(origin: Origin) -> dict[str, str]:
     if origin.fgpose:
         facts["Version of fgpose"] = origin.fgpose
     return facts
+
+
+def _move(camera: MovedCamera) -> str:
+    by = f"{camera.rotation_deg:.2f}°, {1000 * camera.translation_m:.0f} mm"
+    if not camera.rotation_sigma_deg:
+        return by
+    known = f"{camera.rotation_sigma_deg:.2f}°, {1000 * camera.translation_sigma_m:.0f} mm"
+    return f"{by}; now known to {known} (SD about and along each axis)"
 
 
 def without_home(text: str, folder: Path) -> str:

@@ -149,6 +149,11 @@ def test_refine_calibration(source: list[str], tmp_path: Path, capsys: pytest.Ca
     known = load_calibration_origin(tmp_path / "mine_calibration.toml")
     assert f"may be shifted by {1000 * known.shift_sigma_m:.0f} mm along each axis" in printed
     assert known.shift_sigma_m > 0.001
+    sigmas = " ".join(f"{each.rotation_sigma_deg:.2f}" for each in known.moved)
+    assert f"standard deviation about each axis [deg] {sigmas}" in printed
+    sigmas = " ".join(f"{1000 * each.translation_sigma_m:.0f}" for each in known.moved)
+    assert f"standard deviation along each axis [mm] {sigmas}" in printed
+    assert all(each.rotation_sigma_deg > 0 and each.translation_sigma_m > 0 for each in known.moved)
     rig = load_rig(tmp_path / "mine_calibration.toml")
     trajectory = load_trajectory(tmp_path / "mine.npz")
     observations = load_recording("balance_openpose")[1].frames(slice(0, trajectory.n_frames))

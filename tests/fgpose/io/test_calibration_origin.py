@@ -21,7 +21,7 @@ from fgpose.pipeline.origin import origin_of
 
 KNOWN = CalibrationOrigin(
     offset_sigma_s={"ring_1": 0.002, "ring_2": 1e-17},
-    moved=(MovedCamera("ring_0", 0.25, 0.012), MovedCamera("ring_1", 0.0, 0.0)),
+    moved=(MovedCamera("ring_0", 0.25, 0.012, 0.08, 0.004), MovedCamera("ring_1", 0.0, 0.0)),
     grade="coarse",
     findings=(
         Reason("", "coarse", "few people", "walk longer"),
