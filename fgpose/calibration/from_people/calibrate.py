@@ -26,7 +26,7 @@ from fgpose.calibration.from_people.starts.starts import GivenStart, Starts, fin
 from fgpose.calibration.from_people.starts.together import together
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
-from fgpose.calibration.from_people.verdict.alignment import aligned
+from fgpose.calibration.from_people.verdict.alignment import aligned, point_about_centroid
 from fgpose.calibration.from_people.verdict.coverage import coverage
 from fgpose.calibration.from_people.verdict.inputs import gather
 from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, camera_sigmas
@@ -264,7 +264,9 @@ def _judged(
         of_lenses = RigEstimate(adjusted.rig, focal_check.covariance, nothing, nothing).moved(metric.world_T_gauge)
     of_world = metric.scale.sigma, metric.vertical.sigma_deg, metric.floor_sigma_m
     one_place = in_one_place(coverage(walk, metric.rig, metric.joints_m))
-    sigmas = camera_sigmas(whole, of_halves, *of_world, of_lenses, one_place)
+    sigmas = camera_sigmas(
+        whole, of_halves, *of_world, of_lenses, one_place, walker_m=_walker_sigma_m(adjusted, metric)
+    )
     doubtful = {finding.camera for finding in starts.findings}
     grounds = gather(
         first,
@@ -287,6 +289,15 @@ def _judged(
         findings=(*starts.findings, *findings(grounds)),
         scale_from=metric.scale.source,
     )
+
+
+def _walker_sigma_m(adjusted: AdjustedWalk, metric: Metric) -> float:
+    """Standard deviation of how high the walker is against the cameras, by what the adjustment says."""
+    problem, state = adjusted.problem, adjusted.state
+    middle = state.joints_m[problem.seen_by_two].mean(axis=0)
+    covariance = point_about_centroid(problem.covariance_with_middle(state), adjusted.rig, middle)
+    up = metric.vertical.up
+    return metric.scale.factor * float(np.sqrt(up @ covariance @ up))
 
 
 def _unused(walk: Walk, adjusted: AdjustedWalk) -> Bool[np.ndarray, " frame"]:

@@ -34,6 +34,22 @@ def onto_centroid(rig: CameraRig, *, with_scale: bool = True) -> Float[np.ndarra
     return np.eye(len(weights)) - generators @ np.linalg.pinv(weights[:, None] * generators) * weights
 
 
+def point_about_centroid(
+    covariance: Float[np.ndarray, "row row"], rig: CameraRig, point_m: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Covariance of a point after that similarity, which takes the cameras to where they are.
+
+    Args:
+        covariance: of the errors of all cameras, then of the point, in whatever gauge.
+        rig: the cameras.
+        point_m: where it is, in the frame and unit of the rig.
+    """
+    generators, weights, arm_m = _generators(rig), _weights(rig), point_m - _centre(rig)
+    of_point = np.column_stack([np.cross(np.eye(3), arm_m).T, np.eye(3), arm_m])
+    onto = np.hstack([-of_point @ np.linalg.pinv(weights[:, None] * generators) * weights, np.eye(3)])
+    return onto @ covariance @ onto.T
+
+
 def aligned(rig: CameraRig, onto: CameraRig) -> tuple[Similarity, Float[np.ndarray, "camera 6"]]:
     """The similarity that takes a rig nearest to another, and the errors that are left.
 

@@ -126,6 +126,7 @@ def camera_sigmas(
     floor_m: float,
     of_lenses: RigEstimate | None = None,
     unchecked: Bool[np.ndarray, " camera"] | None = None,
+    walker_m: float = 0.0,
 ) -> CameraSigmas:
     """Standard deviations of the cameras about the centroid of the rig.
 
@@ -135,9 +136,10 @@ def camera_sigmas(
             what has been seen of such recordings.
         scale: standard deviation of the scale, as a share.
         vertical_deg: standard deviation of the vertical.
-        floor_m: of the floor.
+        floor_m: of the floor below the walker.
         of_lenses: the whole, with the errors that come of focal lengths that were given; None: there are none.
         unchecked: cameras whose halves share their errors, so that they do not check each other; None: none.
+        walker_m: how high the walker is against the cameras, by what the adjustment says.
     """
     variances = whole.variances()
     if halves is None:
@@ -151,6 +153,8 @@ def camera_sigmas(
             variances = variances.times(np.where(unchecked, _UNCHECKED, 1.0))
     if of_lenses is not None:
         variances = variances.plus(of_lenses.variances())
+    # The walker is off as the cameras are, who are off by more than the adjustment says.
+    growth = np.sqrt(np.mean(variances.position_m2) / max(float(np.mean(whole.variances().position_m2)), 1e-12))
     return CameraSigmas(
         position_m=np.sqrt(variances.position_m2),
         direction_deg=np.rad2deg(np.sqrt(variances.rotation_rad2)),
@@ -158,7 +162,7 @@ def camera_sigmas(
         offset_s=np.sqrt(variances.offset_s2),
         scale=scale,
         vertical_deg=vertical_deg,
-        floor_m=floor_m,
+        floor_m=float(np.hypot(floor_m, growth * walker_m)),
     )
 
 

@@ -92,7 +92,7 @@ def to_metric(
         )
     steps = Steps.of(joints_m, walk.time_s, anatomy)
     vertical = find_vertical(joints_m, walk.time_s, anatomy, steps)
-    floor = find_floor(joints_m, vertical.up, anatomy, steps)
+    floor = find_floor(joints_m, vertical, anatomy, steps)
     cues = [distance_cue(distance, rig, covariance) for distance in distances]
     if stature_m is not None:
         heads = _heads(joints_m, walk.time_s, vertical, floor, anatomy)

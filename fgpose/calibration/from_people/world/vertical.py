@@ -25,7 +25,7 @@ _LEAN_SIGMA = np.deg2rad(3.0)
 _AXIS_SIGMA, _AXIS_CORRELATION_S = np.deg2rad(2.0), 0.5
 # Least standard deviation of the height of a standing foot, as a share of the stature: 10 mm, half of the bias of a
 # detected joint that depends on the direction it is seen from (20 to 40 mm in the image, averaged over the views).
-_FOOT_SIGMA = 0.006
+FOOT_SIGMA = 0.006
 _UPRIGHT = np.deg2rad(25.0)
 _ROUNDS = 10  # of re-weighting; the vertical moves by less than 0.01 degrees after five
 _LEAST_SIGMA_DEG = 0.15  # what is left if everything averages out: the level of floors
@@ -37,10 +37,15 @@ class Vertical:
 
     up: Float[np.ndarray, " 3"]
     """Unit vector."""
-    sigma_deg: float
-    """Standard deviation of its direction, root of the sum over both axes."""
+    covariance: Float[np.ndarray, "3 3"]
+    """Of that vector."""
     upright: float
     """Share of the frames in which the axis of the body is within 25 degrees of it."""
+
+    @property
+    def sigma_deg(self) -> float:
+        """Standard deviation of its direction, root of the sum over both axes."""
+        return float(np.rad2deg(np.sqrt(np.trace(self.covariance))))
 
 
 def find_vertical(
@@ -74,9 +79,9 @@ def find_vertical(
         tilt = covariance @ problem[:, -1]
         up = up + tilt[:2] @ _plane(up)
         up /= np.linalg.norm(up)
-    sigma_deg = float(np.rad2deg(np.sqrt(np.trace(covariance[:2, :2]))))
-    share = float(np.mean(axis @ up > np.cos(_UPRIGHT)))
-    return Vertical(up, float(np.hypot(sigma_deg, _LEAST_SIGMA_DEG)), share)
+    plane = _plane(up)
+    of_up = plane.T @ (covariance[:2, :2] + np.deg2rad(_LEAST_SIGMA_DEG) ** 2 / 2 * np.eye(2)) @ plane
+    return Vertical(up, of_up, float(np.mean(axis @ up > np.cos(_UPRIGHT))))
 
 
 def _axes(
@@ -120,7 +125,7 @@ def _of_steps(steps: Steps, up: Float[np.ndarray, " 3"], stature: float) -> Floa
     around = (steps.foot_m - np.median(steps.foot_m, axis=0)) / stature
     rows = np.zeros((len(around), 1, 5))
     rows[:, 0, :2], rows[:, 0, 4] = around @ _plane(up).T, -1.0
-    return _normal(rows, -(around @ up)[:, None], _FOOT_SIGMA, 1 / STEPS_AS_ONE)
+    return _normal(rows, -(around @ up)[:, None], FOOT_SIGMA, 1 / STEPS_AS_ONE)
 
 
 def _normal(

@@ -6,7 +6,7 @@ import pytest
 from adjusted_rigs import moved
 
 from fgpose.assessment.rig_alignment import Similarity
-from fgpose.calibration.from_people.verdict.alignment import about_centroid, aligned
+from fgpose.calibration.from_people.verdict.alignment import about_centroid, aligned, point_about_centroid
 from fgpose_benchmarks.synthetic import ring_rig
 
 RIG = ring_rig(4)
@@ -53,3 +53,17 @@ def test_the_camera_that_is_held_does_not_look_perfect() -> None:
     covariance = np.einsum("cd,ij->cidj", np.diag([0.0, 1.0, 1.0, 1.0]), np.eye(6)) * 1e-6
     stated = np.einsum("cici->c", about_centroid(covariance, RIG))
     assert stated[0] > 0.2 * stated[1:].mean()
+
+
+@pytest.mark.slow
+def test_a_point_is_off_as_its_covariance_says_after_the_cameras_are_laid_on_each_other() -> None:
+    rng, point_m = np.random.default_rng(2), np.array([0.5, -1.0, 0.9])
+    root = 1e-3 * rng.standard_normal((27, 27)) / 5
+    left_m = []
+    for _ in range(200):
+        errors = root @ rng.standard_normal(27)
+        similarity = aligned(moved(RIG, errors[:24].reshape(4, 6)), RIG)[0]
+        left_m.append(similarity.of(point_m + errors[24:]) - point_m)
+    stated = np.diag(point_about_centroid(root @ root.T, RIG, point_m))
+    # 200 draws give a variance to 10 %; three of them, for three numbers.
+    assert np.var(left_m, axis=0) == pytest.approx(stated, rel=0.3)

@@ -112,6 +112,16 @@ def test_focal_lengths_and_clocks_disagree_as_well() -> None:
     assert sigmas.offset_s[0] == 0
 
 
+def test_the_walker_is_off_as_the_cameras_are() -> None:
+    """The floor is below the walker; two sigmas more of the places of the cameras are two more of that."""
+    stated = RigEstimate(RIG, covariance_of(), NONE, NONE)
+    alone = camera_sigmas(stated, None, 0.0, 0.0, 0.02)
+    both = camera_sigmas(stated, None, 0.0, 0.0, 0.02, walker_m=0.03)
+    growth = np.sqrt(np.mean(alone.position_m**2) / np.mean(stated.variances().position_m2))
+    assert growth > 1.5
+    assert both.floor_m == pytest.approx(np.hypot(0.02, growth * 0.03))
+
+
 def with_focal(camera: Camera, ratio: float) -> Camera:
     return replace(camera, K=camera.K * np.array([[ratio, 1, 1], [1, ratio, 1], [1, 1, 1]]))
 
