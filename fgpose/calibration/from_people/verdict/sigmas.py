@@ -111,11 +111,20 @@ def disagreement(first: CameraRig, second: CameraRig) -> Variances:
     return Variances(square[:, 0], square[:, 1], focal**2, (offsets_s - offsets_s[0]) ** 2)
 
 
-def beside_halves(whole: CameraRig, halves: tuple[CameraRig, CameraRig]) -> Variances:
-    """Squared distances of the poses of a rig from the middle of those of the halves of its recording, in its unit."""
-    middle = np.mean([aligned(half, whole)[1] for half in halves], axis=0)
-    square, nothing = np.sum(middle.reshape(-1, 2, 3) ** 2, axis=-1), np.zeros(whole.n_cameras)
-    return Variances(square[:, 0], square[:, 1], nothing, nothing)
+def beside_halves(whole: RigEstimate, halves: tuple[CameraRig, CameraRig]) -> Variances:
+    """Squared distances of the poses and focal lengths of a rig from the middle of those of the halves of its
+    recording, in its unit.
+
+    Both halves see the walker from the same sides, and errors that depend on these set the focal lengths of both alike,
+    but not as those of the whole, which weighs the sides otherwise. One number of a camera may be small by chance: all
+    focal lengths that are unknown have the mean.
+    """
+    middle = np.mean([aligned(half, whole.rig)[1] for half in halves], axis=0)
+    square, nothing = np.sum(middle.reshape(-1, 2, 3) ** 2, axis=-1), np.zeros(whole.rig.n_cameras)
+    focal = np.mean([np.log(half.focal_px / whole.rig.focal_px) for half in halves], axis=0) ** 2
+    unknown = whole.focal_sigma > 0
+    common = np.mean(focal, where=unknown) if unknown.any() else 0.0
+    return Variances(square[:, 0], square[:, 1], np.where(unknown, common, 0.0), nothing)
 
 
 def camera_sigmas(
@@ -148,7 +157,7 @@ def camera_sigmas(
         first, second = (half.aligned(whole.rig) for half in halves)
         expected = first.variances().plus(second.variances())
         variances = variances.inflated(expected, disagreement(first.rig, second.rig))
-        variances = variances.plus(beside_halves(whole.rig, (first.rig, second.rig)))
+        variances = variances.plus(beside_halves(whole, (first.rig, second.rig)))
         if unchecked is not None:
             variances = variances.times(np.where(unchecked, _UNCHECKED, 1.0))
     if of_lenses is not None:

@@ -112,6 +112,18 @@ def test_focal_lengths_and_clocks_disagree_as_well() -> None:
     assert sigmas.offset_s[0] == 0
 
 
+def test_focal_lengths_that_halves_have_alike_and_the_whole_has_not_are_uncertain() -> None:
+    """All that are unknown: one that is the same by chance is known no better."""
+    focal_sigma = np.array([0.01, 0.01, 0.01, 0.0])
+    stated = RigEstimate(RIG, covariance_of(), focal_sigma, NONE)
+    ratios = (1.06, 0.96, 1.0, 1.0)
+    other = CameraRig(tuple(with_focal(*pair) for pair in zip(RIG.cameras, ratios, strict=True)))
+    half = replace(stated, rig=other)
+    common = np.sqrt(np.mean(np.log(ratios[:3]) ** 2))
+    sigmas = camera_sigmas(stated, (half, half), 0.0, 0.0, 0.0)
+    assert sigmas.focal == pytest.approx([*3 * [np.hypot(0.01, common)], 0.0])
+
+
 def test_the_walker_is_off_as_the_cameras_are() -> None:
     """The floor is below the walker; two sigmas more of the places of the cameras are two more of that."""
     stated = RigEstimate(RIG, covariance_of(), NONE, NONE)
