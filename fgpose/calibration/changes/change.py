@@ -54,6 +54,8 @@ class Change:
     sigma: float = 0.0
     """Standard deviation: of offset_s, or of what the rate adds up to over the recording, seconds; of the rotation,
     radians."""
+    translation_sigma_m: float = 0.0
+    """Standard deviation of the translation, root of the sum over the axes."""
     reliability: float = 0.0
     """Standard deviations by which images that did not enter it agree better with it."""
 

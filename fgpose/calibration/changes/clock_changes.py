@@ -28,6 +28,8 @@ class ClockFit:
     kind: Kind
     lag: Float[np.ndarray, " block"]
     """In steps of the costs."""
+    free_lag: Float[np.ndarray, " block"]
+    """The same before simple numbers took its place."""
     firsts: tuple[int, ...]
     """Blocks with which jumps begin."""
     gain: Float[np.ndarray, " block"]
@@ -38,8 +40,13 @@ class ClockFit:
     edges: tuple[tuple[int, int], ...]
     """The first and the last block with which each jump may begin."""
     sigma: float
-    """Standard deviation of the lag, of the largest jump, or of what the rate adds up to, in steps of the costs; from
-    the scatter of the blocks."""
+    """Standard deviation of the free lag, of the jump that is known least, or of what the rate adds up to, in steps of
+    the costs; from the scatter of the blocks."""
+
+    def change_sigma(self, change: float, free_change: float) -> float:
+        """Standard deviation of a simple number that stands for one that was measured: it has to hold both. Cameras
+        lose whole images, and one that connects again is late by any number of them."""
+        return float(np.hypot(self.sigma, change - free_change))
 
 
 def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
@@ -65,9 +72,10 @@ def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
             of_half, own_firsts = _fit(kind, cost * half[:, None], told & half, time, n_jumps, _OF_HALF)
             rows = np.flatnonzero(told & ~half)
             gain[rows] = (cost[:, centre] - _least(cost, of_half, own_firsts, told & half))[rows]
-        lag = _simple(kind, lag - centre, firsts, cost, costs, step_s)
-        edges, sigma = _edges(cost, lag + centre, firsts), _sigma(kind, lag + centre, firsts, cost, time)
-        found.append(ClockFit(kind, lag, firsts, gain, _by_chance(cost, lag + centre, told), edges, sigma))
+        free_lag = lag - centre
+        lag = _simple(kind, free_lag, firsts, cost, costs, step_s)
+        edges, sigma = _edges(cost, lag + centre, firsts), _sigma(kind, free_lag + centre, firsts, cost, time)
+        found.append(ClockFit(kind, lag, free_lag, firsts, gain, _by_chance(cost, lag + centre, told), edges, sigma))
     return found
 
 
@@ -149,9 +157,22 @@ def _sigma(
     slope, bend = (right - left) / (2 * apart), np.maximum(right - 2 * here + left, 0.0) / apart**2
     share = (time - time.mean()) / max(float(np.ptp(time)), 1e-9) if kind is Kind.RATE else np.ones(len(time))
     parts = [slice(first, end) for first, end in zip((0, *firsts), (*firsts, len(time)), strict=True)]
-    variances = [np.sum((slope * share)[part] ** 2) / max(np.sum((bend * share**2)[part]), 1e-9) ** 2 for part in parts]
+    variances = [_variance(slope[part], bend[part], share[part]) for part in parts]
     most = max(a + b for a, b in pairwise(variances)) if firsts else variances[0]
     return float(np.sqrt(most))
+
+
+def _variance(
+    slope: Float[np.ndarray, " block"], bend: Float[np.ndarray, " block"], share: Float[np.ndarray, " block"]
+) -> float:
+    """Of one number that the lags of some blocks have in common, each by its share; in squared steps of the costs."""
+    tells = bend * share**2 > 0
+    freedom = max(int(tells.sum()) - 1, 1)
+    scatter = np.sum((slope * share) ** 2) / max(np.sum(bend * share**2), 1e-9) ** 2
+    # Few blocks scatter less around what suits them best than around the truth, and leave open by how much.
+    scatter *= (freedom + 1) / max(freedom - 2, 1)
+    # Where errors are small, costs bend within less than the step of the images, and are least at a step of the costs.
+    return float(scatter) + 1 / 12
 
 
 def _at(cost: Float[np.ndarray, "block lag"], lag: Float[np.ndarray, " block"]) -> Float[np.ndarray, " block"]:

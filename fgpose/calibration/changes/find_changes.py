@@ -216,8 +216,10 @@ def _placed(
     """As changes by the stamps of the camera."""
     fit, change = candidate.fit, replace(candidate.change, reliability=score(candidate.fit.gain))
     if isinstance(fit, ClockFit):
-        lag_s = fit.lag * rays.step_s / PER_STEP
-        change = replace(change, sigma=fit.sigma * rays.step_s / PER_STEP)
+        lag_step_s = rays.step_s / PER_STEP
+        lag_s = fit.lag * lag_step_s
+        adds_up, free = (float(np.ptp(lag) if fit.kind is Kind.RATE else lag[0]) for lag in (fit.lag, fit.free_lag))
+        change = replace(change, sigma=fit.change_sigma(adds_up, free) * lag_step_s)
         if fit.kind is Kind.OFFSET:
             return [replace(change, offset_s=float(lag_s[0]))]
         if fit.kind is Kind.RATE:
@@ -265,6 +267,7 @@ def _move(
             rotation=gtsam.Rot3.Logmap(gtsam.Rot3(relative[:3, :3])),
             translation_m=relative[:3, 3],
             sigma=fit.sigma_rotation,
+            translation_sigma_m=fit.sigma_translation_m,
         )
         if np.linalg.norm(fit.rotation) < _SETTLED and np.linalg.norm(fit.translation_m) < _SETTLED_M:
             break
@@ -300,12 +303,13 @@ def _jump(
         )
     for first, edges in zip(fit.firsts, fit.edges, strict=True):
         by_s = float(lag_s[first] - lag_s[first - 1])
+        free, lag_step_s = float(fit.free_lag[first] - fit.free_lag[first - 1]), rays.step_s / PER_STEP
         frames = by_s / step_s
         if abs(frames - round(frames)) < WHOLE_FRAMES:
             by_s = round(frames) * step_s
         if abs(by_s) < JUMP_FRAMES * step_s:
             continue
-        jump = replace(change, offset_s=by_s)
+        jump = replace(change, offset_s=by_s, sigma=fit.change_sigma(by_s / lag_step_s, free) * lag_step_s)
         near_s = blocks.time_s[first] - blocks.length_s / 2
         before, after = [*changes, *found], [*changes, *found, jump]
         at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)

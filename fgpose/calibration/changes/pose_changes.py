@@ -48,7 +48,9 @@ class PoseFit:
     edges: tuple[int, int]
     """The first and the last block with which a bump may begin, or end."""
     sigma_rotation: float
-    """Standard deviation, radians."""
+    """Standard deviation, radians; root of the sum over the axes."""
+    sigma_translation_m: float
+    """The same of the translation."""
     shift: float
     """By how much the move changes the angles between rays, root mean square, in their standard deviations."""
     shift_m: float
@@ -248,18 +250,31 @@ def _fitted(
         other = used & ~half
         gain[other] = (before - views.cost(views.angles(_move(views, used & half, width))))[other]
     move = _move(views, used, width)
-    information, _ = views.equations(move, 1.0)
-    covariance = np.linalg.inv(views.independent(used) * information[used].sum(axis=0) + np.diag(_SIGMAS**-2))
+    covariance = _covariance(views, move, used)
     angles = views.angles(np.zeros(6)), views.angles(move)
     changed, samples = angles[1] - angles[0], used[views.blocks.block][None, :, None]
     there = (views.weight > 0) & samples & np.isfinite(changed)
-    sigma = float(np.sqrt(np.trace(covariance[:3, :3])))
+    sigma, sigma_m = (float(np.sqrt(np.trace(covariance[rows, rows]))) for rows in (slice(0, 3), slice(3, 6)))
     shift_m = _root_mean_square((changed * (views.scale * views.reach_m)[:, None, None])[there])
     costs = before * told, views.cost(angles[1]) * told
     edges = edges_as_good(*(costs if held[-1] else costs[::-1]))
     of_most = views.of_most_joints(*(np.where(samples, each, np.nan) for each in angles))
     shift = _root_mean_square(changed[there])
-    return PoseFit(kind, move[:3], move[3:], held, gain, edges, sigma, shift, shift_m, of_most)
+    return PoseFit(kind, move[:3], move[3:], held, gain, edges, sigma, sigma_m, shift, shift_m, of_most)
+
+
+def _covariance(
+    views: _Views, move: Float[np.ndarray, " 6"], used: Bool[np.ndarray, " block"]
+) -> Float[np.ndarray, "6 6"]:
+    """Of a move, from the scatter of the gradients of the blocks (a sandwich, as that of any other weighting is): what
+    their angles are worth is a guess, what they contradict each other by is not."""
+    information, gradient = (each[used] for each in views.equations(move, 1.0))
+    share, n = views.independent(used), int(used.sum())
+    inverse = np.linalg.inv(share * information.sum(axis=0) + np.diag(_SIGMAS**-2))
+    around = share * (gradient - gradient.mean(axis=0))
+    # Of few blocks their own scatter is not known well: n / (n - 1) of its variance, times that of Student's t.
+    scatter = around.T @ around * n / max(n - 3, 1)
+    return inverse @ (scatter + np.diag(_SIGMAS**-2)) @ inverse
 
 
 def _root_mean_square(values: Float[np.ndarray, " value"]) -> float:

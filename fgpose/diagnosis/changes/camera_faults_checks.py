@@ -285,8 +285,9 @@ def _earliest_and_latest(change: Change) -> dict[str, float]:
 
 
 def _by(change: Change) -> str:
-    cm = 100 * float(np.linalg.norm(change.translation_m))
-    return f"{change.rotation_deg:.1f} +/- {np.rad2deg(change.sigma):.1f} degrees and {cm:.0f} cm"
+    cm, sigma_cm = 100 * float(np.linalg.norm(change.translation_m)), 100 * change.translation_sigma_m
+    by = f"{change.rotation_deg:.1f} +/- {np.rad2deg(change.sigma):.1f} degrees"
+    return f"{by} and {cm:.0f} +/- {sigma_cm:.0f} cm"
 
 
 def _mended(change: Change, together: bool, by_hand: str, also: str = "") -> str:
@@ -300,6 +301,7 @@ def _numbers(change: Change) -> dict[str, float]:
         "rotation_deg": change.rotation_deg,
         "translation_m": float(np.linalg.norm(change.translation_m)),
         "sigma_deg": float(np.rad2deg(change.sigma)),
+        "sigma_m": change.translation_sigma_m,
     }
 
 

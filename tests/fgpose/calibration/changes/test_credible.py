@@ -15,7 +15,8 @@ OF_ONE = np.array([0.0, -1.0, 0.5, 4.0, -2.0, 60.0, 8.0, 7.0, -5.0, 8.5])  # as 
 
 
 def fit(kind: Kind, gain: np.ndarray, by_chance: float) -> ClockFit:
-    return ClockFit(kind, np.linspace(0, 4, len(gain)), (), gain, by_chance, (), 0.3)
+    lag = np.linspace(0, 4, len(gain))
+    return ClockFit(kind, lag, lag, (), gain, by_chance, (), 0.3)
 
 
 @pytest.mark.parametrize("kind", [Kind.OFFSET, Kind.RATE])
@@ -35,4 +36,4 @@ def test_seconds_that_each_suit_another_lag_say_nothing() -> None:
 @pytest.mark.parametrize(("of_most_joints", "is_held"), [(0.6, True), (0.1, False)])
 def test_a_limb_that_a_view_shows_elsewhere_is_no_move(of_most_joints: float, is_held: bool) -> None:
     held, turn = np.ones(10, dtype=bool), np.array([0.0, 0.0, 0.02])
-    assert holds(PoseFit(Kind.BUMP, turn, turn, held, EVENLY, (0, 1), 0.01, 1.0, 0.05, of_most_joints)) is is_held
+    assert holds(PoseFit(Kind.BUMP, turn, turn, held, EVENLY, (0, 1), 0.01, 0.02, 1.0, 0.05, of_most_joints)) is is_held

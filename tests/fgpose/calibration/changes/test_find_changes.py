@@ -6,8 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
+import gtsam
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import fgpose
 from fgpose.calibration.changes.change import Change, Kind
@@ -20,6 +22,7 @@ from tests.fgpose.calibration.changes.changing import (
     FPS,
     RIG,
     bumped,
+    exchanged,
     filmed,
     late,
     left_out,
@@ -73,6 +76,32 @@ def test_nothing_tells_when_frames_were_lost_while_nobody_moves(names: tuple[str
     assert walking.between_s[0] <= TURN / FPS <= walking.between_s[1] <= walking.between_s[0] + 4.0
 
 
+@pytest.mark.parametrize("frames", [4.0, pytest.param(4.7, marks=pytest.mark.slow), 5.5])
+def test_a_clock_that_jumps_by_any_number_of_frames_is_within_what_is_stated(frames: float) -> None:
+    """Lost images are whole ones; a camera that connects again is late by anything."""
+    truth_m, at = walk_m(3), TURN
+    later_m = CubicSpline(np.arange(len(truth_m)), truth_m)(np.arange(len(truth_m)) + frames)
+    (found,) = changes(exchanged(filmed(truth_m), 2, filmed(later_m), slice(at, -6)), THREE)
+    assert (found.kind, THREE[found.camera]) == (Kind.JUMP, "ring_2")
+    assert abs(found.offset_s - frames / FPS) < 2 * found.sigma
+    # Half an image, where a whole number stands for another one.
+    assert found.sigma < 0.5 / FPS
+
+
+@pytest.mark.slow
+def test_a_sigma_is_no_less_than_lags_are_told_apart_by() -> None:
+    """Exact detections are the hardest: costs bend within less than the step of the images."""
+    truth_m, errors = walk_m(3, 12.0), []
+    for frames in (3.1, 3.4, 3.6, 3.9):
+        later_m = CubicSpline(np.arange(len(truth_m)), truth_m)(np.arange(len(truth_m)) + frames)
+        points2d_px = RIG.project(truth_m)
+        points2d_px[:, 1] = RIG.project(later_m)[:, 1]
+        seen = replace(filmed(truth_m), points2d_px=points2d_px, confidence=np.ones(points2d_px.shape[:-1]))
+        (found,) = changes(seen, FOUR)
+        errors.append((found.offset_s - frames / FPS) / found.sigma)
+    assert np.abs(errors).max() < 2
+
+
 @pytest.mark.slow
 def test_frames_lost_twice() -> None:
     twice = changes(lost(lost(filmed(walk_m(3)), 2, 480, 3), 2, 240, 4), FOUR)
@@ -112,6 +141,16 @@ def test_a_bumped_camera(degrees: float, names: tuple[str, ...]) -> None:
     assert found.at_s == pytest.approx(TURN / FPS, abs=1.0)
     # Turns and shifts of a camera 5 m away are nearly the same: 22 mm are 0.25 degrees.
     assert found.rotation_deg == pytest.approx(degrees, abs=0.4)
+    turn, shift_m = _move_of(moved_rig(1, degrees), 1)
+    # Before anything is seen the sigmas are 2 degrees and 5 cm about and along each axis.
+    assert np.linalg.norm(found.rotation - turn) < 2 * found.sigma < np.deg2rad(2.0)
+    assert np.linalg.norm(found.translation_m - shift_m) < 2 * found.translation_sigma_m < 2 * np.sqrt(3) * 0.05
+
+
+def _move_of(rig: fgpose.CameraRig, c: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation vector, radians, and shift, in the frame of the camera as it was."""
+    move = np.linalg.inv(RIG.cameras[c].world_T_camera) @ rig.cameras[c].world_T_camera
+    return gtsam.Rot3.Logmap(gtsam.Rot3(move[:3, :3])), move[:3, 3]
 
 
 @pytest.mark.slow
