@@ -28,6 +28,9 @@ from fgpose.estimation.covariances.variance_components import (
     correlation_after,
 )
 
+# Errors of visible joints are correlated over less.
+_BLOCK_S = 1.0
+
 
 class Stretch(NamedTuple):
     """Frames of one person, one after the other."""
@@ -64,18 +67,37 @@ def covariance_by_errors(
     own_px = sigma_px / np.sqrt(np.where(weights > 0, weights, np.inf))
     in_own = np.divide(1.0, own_px, out=np.zeros_like(own_px), where=own_px > 0)
     residual, by_joint = in_own[..., None] * terms.residual_px, in_own[..., None, None] * terms.by_joint
-    of_scores, begin = problem.covariance_of_prior_scores(state), 0
+    of_priors = problem.covariance_of_prior_scores(state)
+    of_scores, of_seconds, begin = of_priors.copy(), of_priors.copy(), 0
     for stretch in stretches:
         own, begin = slice(begin, begin + stretch.n_frames), begin + stretch.n_frames
         telling = TellingDetections.of(residual[own], by_joint[own], weights[own])
         step_s = min(stretch.step_s, LONGEST_STEP_S)
         components = ErrorComponents.told_by(telling, step_s, joints)
+        of_frames = np.zeros((stretch.n_frames, len(of_scores)))
         for c, columns in enumerate(problem.unknowns.columns.reshape(len(sigma_px), N_OF_CAMERA, len(of_scores))):
             by_shared = terms.by_camera[own, c] @ columns
             by_shared = by_shared - np.einsum("tjia,tjua->tjiu", terms.by_joint[own, c], joints_by_shared[own])
             pull = (terms.weights * own_px)[own, c, :, None, None] * by_shared
             of_scores += _of_errors(pull, components, step_s)
-    return problem.covariance(state, of_scores)
+            of_frames += np.einsum("tjiu,tji->tu", pull, residual[own, c])
+        of_seconds += _scatter(of_frames, step_s)
+    stated, shown = problem.covariance(state, of_scores), problem.covariance(state, of_seconds)
+    own, of_scatter = (np.einsum("cici->ci", each) for each in (stated, shown))
+    growth = np.sqrt(np.maximum(1.0, np.divide(of_scatter, own, out=np.ones_like(own), where=own > 0)))
+    return growth[:, :, None, None] * stated * growth
+
+
+def _scatter(of_frames: Float[np.ndarray, "frame unknown"], step_s: float) -> Float[np.ndarray, "unknown unknown"]:
+    """Covariance of the sum of the scores, from how those of seconds differ: what is hallucinated behind something
+    lasts, and is of several joints, otherwise than the errors of visible ones."""
+    second = (np.arange(len(of_frames)) * step_s / _BLOCK_S).astype(int)
+    _, block = np.unique(second, return_inverse=True)
+    n = int(block.max()) + 1
+    sums = np.zeros((n, of_frames.shape[1]))
+    np.add.at(sums, block, of_frames)
+    around = sums - sums.mean(axis=0)
+    return around.T @ around * n / max(n - 1, 1)
 
 
 def _of_errors(
