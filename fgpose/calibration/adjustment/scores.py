@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA
@@ -30,6 +30,8 @@ from fgpose.estimation.covariances.variance_components import (
 
 # Errors of visible joints are correlated over less.
 _BLOCK_S = 1.0
+# Of the squares of normal errors, in their variance along each axis, 1 % are larger.
+_WRONG, _NORMAL_SHARE = 9.21, 0.01
 
 
 class Stretch(NamedTuple):
@@ -85,7 +87,19 @@ def covariance_by_errors(
     stated, shown = problem.covariance(state, of_scores), problem.covariance(state, of_seconds)
     own, of_scatter = (np.einsum("cici->ci", each) for each in (stated, shown))
     growth = np.sqrt(np.maximum(1.0, np.divide(of_scatter, own, out=np.ones_like(own), where=own > 0)))
-    return growth[:, :, None, None] * stated * growth
+    grown = growth[:, :, None, None] * stated * growth
+    wrong = _share_of_wrong(terms.residual_px / sigma_px[..., None], counted > 0)
+    return (1 - wrong) * grown + wrong * problem.covariance(state)
+
+
+def _share_of_wrong(
+    in_sigmas: Float[np.ndarray, "frame camera joint 2"], used: Bool[np.ndarray, "frame camera joint"]
+) -> float:
+    """Of detections that are hallucinated the kernel leaves little, but as it lasts that moves the cameras, and no
+    component tells how long it lasts. For their share nothing is known beyond what the adjustment counts."""
+    if not used.any():
+        return 0.0
+    return max(float(np.mean(np.sum(in_sigmas**2, axis=-1)[used] > _WRONG)) - _NORMAL_SHARE, 0.0)
 
 
 def _scatter(of_frames: Float[np.ndarray, "frame unknown"], step_s: float) -> Float[np.ndarray, "unknown unknown"]:
