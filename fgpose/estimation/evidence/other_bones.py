@@ -43,11 +43,26 @@ def other_bone(
 
 
 def without_known(
-    known: BoneLengths, lengths_m: Float[np.ndarray, " length"], covariance_m2: Float[np.ndarray, "length length"]
+    known: BoneLengths,
+    lengths_m: Float[np.ndarray, " length"],
+    covariance_m2: Float[np.ndarray, "length length"],
+    in_graph_m2: Float[np.ndarray, "length length"],
 ) -> tuple[Float[np.ndarray, " length"], Float[np.ndarray, "length length"]]:
-    """What an estimate and its covariance would be without what was known, which was a prior of it."""
+    """What an estimate and its covariance would be without what was known, which was a prior of it.
+
+    Args:
+        known: the prior.
+        lengths_m: the estimate.
+        covariance_m2: of its errors.
+        in_graph_m2: by which the graph has weighed detections against the prior.
+    """
     is_known = np.isfinite(known.lengths_m)
     of_known = np.where(is_known, 1 / np.where(is_known, known.sigma_m, 1.0) ** 2, 0.0)
-    information = np.linalg.inv(covariance_m2)
+    information = np.linalg.inv(in_graph_m2)
     without_m2 = np.linalg.inv(information - np.diag(of_known))
-    return without_m2 @ (information @ lengths_m - of_known * np.nan_to_num(known.lengths_m)), without_m2
+    by_estimate = without_m2 @ information
+    of_prior_m2 = in_graph_m2 @ (of_known[:, None] * in_graph_m2)
+    return (
+        by_estimate @ lengths_m - without_m2 @ (of_known * np.nan_to_num(known.lengths_m)),
+        by_estimate @ (covariance_m2 - of_prior_m2) @ by_estimate.T,
+    )

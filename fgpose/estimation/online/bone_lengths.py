@@ -13,6 +13,7 @@ from fgpose.estimation.covariances.variance_components import ErrorComponents
 from fgpose.estimation.evidence.evidence import Evidence, concatenated
 from fgpose.estimation.evidence.other_bones import other_bone, without_known
 from fgpose.estimation.factors.prior import length_prior
+from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import NormalEquations
@@ -125,7 +126,7 @@ class RunningLengths:
     def _take(self, sample: _Estimated) -> None:
         other = None
         if np.isfinite(self._before.lengths_m).any():
-            seen = without_known(self._before, sample.lengths_m, sample.covariance_m2)
+            seen = without_known(self._before, sample.lengths_m, sample.covariance_m2, sample.in_graph_m2)
             other = other_bone(self._before, *seen, self._skeleton.length_names)
         if other is None:
             self.learned = sample.lengths.or_else(self.learned)
@@ -180,7 +181,8 @@ class _Estimation:
         linearized = self._problem.linearized(self._problem.positions_m(state))
         effects = LengthEffects.of(linearized, sample.evidence.time_s, sample.evidence.bias_share[:, sample.joints])
         covariance_m2 = effects.of_rest_m2 + effects.covariance_m2(errors.of_joints(sample.joints))
-        return _Estimated(self.frames, self.is_of_last, self._problem.lengths_m(state), covariance_m2)
+        in_graph_m2 = shared_errors(sample.evidence.time_s) ** 2 * linearized.length_covariance_m2()
+        return _Estimated(self.frames, self.is_of_last, self._problem.lengths_m(state), covariance_m2, in_graph_m2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +194,8 @@ class _Estimated:
     lengths_m: Float[np.ndarray, " length"]
     """NaN: not estimated."""
     covariance_m2: Float[np.ndarray, "length length"]
+    in_graph_m2: Float[np.ndarray, "length length"]
+    """The same if errors lasted as usual."""
 
     @property
     def lengths(self) -> BoneLengths:

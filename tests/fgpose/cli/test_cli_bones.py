@@ -55,7 +55,8 @@ def test_a_result_begins_with_bones_that_are_known(
         found = fgpose.load_trajectory(path)
         assert found.bone_length_sigma_m is not None
         known = found.bone_length_sigma_m < 1  # online, a bone that is never complete is not estimated
-        assert (found.bone_length_sigma_m[known] <= given.sigma_m[known]).all()
+        # Ten frames tell hardly more, and are weighed without what lasts of their errors, but stated with it.
+        assert (found.bone_length_sigma_m[known] <= 1.05 * given.sigma_m[known]).all()
 
 
 @pytest.mark.filterwarnings("ignore:the bones that were given are somebody else's")

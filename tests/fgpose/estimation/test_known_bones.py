@@ -159,9 +159,13 @@ def test_what_was_a_prior_can_be_taken_out_again() -> None:
     of_known = np.array([1e4, 0.0, 2500.0, 1e4])
     both_m2 = np.linalg.inv(np.linalg.inv(seen_m2) + np.diag(of_known))
     both_m = both_m2 @ (np.linalg.inv(seen_m2) @ seen_m + of_known * np.nan_to_num(known.lengths_m))
-    without_m, without_m2 = without_known(known, both_m, both_m2)
-    np.testing.assert_allclose(without_m, seen_m, rtol=1e-9)
-    np.testing.assert_allclose(without_m2, seen_m2, rtol=1e-6)
+    # Errors of what was seen may be larger than the graph has taken them for.
+    gain = both_m2 @ np.linalg.inv(seen_m2)
+    for larger in (1.0, 5.0):
+        stated_m2 = both_m2 + gain @ ((larger - 1.0) * seen_m2) @ gain.T
+        without_m, without_m2 = without_known(known, both_m, stated_m2, both_m2)
+        np.testing.assert_allclose(without_m, seen_m, rtol=1e-9)
+        np.testing.assert_allclose(without_m2, larger * seen_m2, rtol=1e-6)
 
 
 def test_a_file_of_an_older_version_has_lengths_of_usual_deviations(alone: fgpose.Trajectory) -> None:
