@@ -73,7 +73,7 @@ class Estimates:
             smoothed=smoothed,
             newly_smoothed=newly_smoothed,
             n_repairs=window.repairs,
-            bone_lengths=self._lengths.learned,
+            bone_lengths=self._lengths.stated,
             other_bone=self._lengths.other_bone,
             velocity_mps=self._velocity_mps(state),
         )

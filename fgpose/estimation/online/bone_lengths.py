@@ -58,14 +58,16 @@ class RunningLengths:
         self._step_s = _FIRST_STEP_S
         self._n_estimated = 0
         self._estimation: _Estimation | None = None  # while it goes on
-        self._before = self.learned = BoneLengths.unknown(self._skeleton.n_lengths)
-        """Of bones that have been complete."""
+        self._before = self.learned = self.stated = BoneLengths.unknown(self._skeleton.n_lengths)
+        """Of bones that have been complete: learned with the standard deviations by which the graph holds them and they
+        are compared, for errors that last are in all of its frames; stated with those of all errors."""
         self.other_bone: OtherBone | None = None
         """Why what was known from before, or learned, is not used any more."""
 
     def know(self, before: BoneLengths) -> None:
         """Go on from what is known of the same person already."""
         self._before, self.learned = before, before.or_else(self.learned)
+        self.stated = before.or_else(self.stated)
         self._n_estimated, self._estimation = 0, None
 
     def add(self, evidence: Evidence) -> None:
@@ -129,18 +131,19 @@ class RunningLengths:
             seen = without_known(self._before, sample.lengths_m, sample.covariance_m2, sample.in_graph_m2)
             other = other_bone(self._before, *seen, self._skeleton.length_names)
         if other is None:
-            self.learned = sample.lengths.or_else(self.learned)
+            self.learned = sample.in_graph.or_else(self.learned)
+            self.stated = sample.stated.or_else(self.stated)
         else:
             self.know(BoneLengths.unknown(self._skeleton.n_lengths))
             self.other_bone = other
 
     def _compare(self, last: _Estimated) -> None:
         """Begin anew with the last frames where their bones are others than those that were learned."""
-        other = other_bone(self.learned, last.lengths_m, last.covariance_m2, self._skeleton.length_names)
+        other = other_bone(self.learned, last.lengths_m, last.in_graph_m2, self._skeleton.length_names)
         if other is not None:
             self.know(BoneLengths.unknown(self._skeleton.n_lengths))
             self._sample, self._step_s, self._n_estimated = last.frames, _LAST_STEP_S, len(last.frames)
-            self.learned, self.other_bone = last.lengths, other
+            self.learned, self.stated, self.other_bone = last.in_graph, last.stated, other
 
 
 def _is_due(frames: dict[float, Evidence], time_s: float, step_s: float) -> bool:
@@ -198,7 +201,13 @@ class _Estimated:
     """The same if errors lasted as usual."""
 
     @property
-    def lengths(self) -> BoneLengths:
-        sigma_m = np.sqrt(np.diag(self.covariance_m2))
+    def stated(self) -> BoneLengths:
+        return self._with(self.covariance_m2)
+
+    @property
+    def in_graph(self) -> BoneLengths:
+        return self._with(self.in_graph_m2)
+
+    def _with(self, covariance_m2: Float[np.ndarray, "length length"]) -> BoneLengths:
         is_known = self.lengths_m > 0
-        return BoneLengths(np.where(is_known, self.lengths_m, np.nan), sigma_m)
+        return BoneLengths(np.where(is_known, self.lengths_m, np.nan), np.sqrt(np.diag(covariance_m2)))
