@@ -150,8 +150,13 @@ def is_running(process_id: int) -> bool:
     except ProcessLookupError:
         return False
     # Dead, but nobody has asked for its status: here init does it.
-    status = Path(f"/proc/{process_id}/stat")
-    return not (status.exists() and status.read_text().rpartition(")")[2].split()[0] == "Z")
+    try:
+        return Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except ProcessLookupError:
+        return False
+    except FileNotFoundError:
+        # It has ended meanwhile, or there is no /proc.
+        return not Path("/proc/self").exists()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
