@@ -106,8 +106,8 @@ class Trajectory(Motion):
     config: Config | None = None
     """The configuration that made this result."""
     visibility: np.ndarray | None = None
-    """(T, C, J) probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where
-    there is none. Right near 0 and 1; between, it is a weight, which may be off by 0.4 as a probability."""
+    """(T, C, J) probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN: there
+    is none. Right near 0 and 1; between, it is a weight, which may be off by 0.4 as a probability."""
     implausible_frames: tuple[int, ...] = ()
     """Frames whose detections make no body (joints tens of metres apart) and were left out."""
     bone_length_sigma_m: np.ndarray | None = None
@@ -325,8 +325,7 @@ class Estimate(Shown):
     smoothed: Estimate | None = None
     """The estimate of the newest frame that is one lag old, from all frames since. None until there is one."""
     visibility: Float[np.ndarray, "camera joint"] | None = None
-    """Probability that each detection is of its joint and not hallucinated, 0 if it was left out; NaN where none is. As
-    in Trajectory."""
+    """As in Trajectory."""
     is_implausible: bool = False
     """Whether the detections that came last make no body (joints tens of metres apart) and were left out."""
     n_repairs: int = 0
@@ -337,8 +336,7 @@ class Estimate(Shown):
     """Why the lengths that were given (Estimator.know), or learned so far, are not used any more: somebody else is
     there, or limbs were guessed. The lengths were wrong until then, or are now."""
     velocity_mps: Float[np.ndarray, " 3"] | None = None
-    """How the body as a whole moves in the world: the median over its joints. None without a motion model, of nobody,
-    and of an estimate that is one lag old."""
+    """Of the body as a whole, the median over its joints; None without a motion model, of nobody, and one lag later."""
     newly_smoothed: tuple[Estimate, ...] = ()
     """Of all frames that this update made one lag old, the oldest first: each once. Where intervals are uneven an
     update has none or several. The last one is smoothed."""

@@ -54,8 +54,8 @@ class _Motion:
     sightings: Sightings
     joints_m: Float[np.ndarray, "frame joint 3"]
     """NaN where not known."""
-    for_clocks: Float[np.ndarray, "frame camera joint"]
-    """Weights of the sightings if only clocks were unknown."""
+    for_clocks: Float[np.ndarray, " camera"]
+    """Sum of the weights of the sightings if only clocks were unknown."""
     smoothed: bool
     """Whether the smoother has converged."""
 
@@ -145,10 +145,8 @@ class _Setting:
         rig = adjusted_rig(self.rig, changes)
         motions = [self._motion(*own, rig, changes) for own in zip(self.parts, self.frames, strict=True)]
         sightings = Sightings.together([motion.sightings for motion in motions])
-        for_clocks, counted = (
-            np.sum(np.concatenate(weights), axis=(0, 2))
-            for weights in zip(*((motion.for_clocks, motion.sightings.weights) for motion in motions), strict=True)
-        )
+        for_clocks = np.sum([motion.for_clocks for motion in motions], axis=0)
+        counted = sightings.weights.sum(axis=(0, 2))
         of_clocks = np.divide(for_clocks, counted, out=np.ones(self.rig.n_cameras), where=counted > 0)
         problem = rig_problem(
             self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks, of_clocks=of_clocks
@@ -181,7 +179,7 @@ class _Setting:
             (by_joint @ np.where(known, velocities_mps, 0.0)[:, None, ..., None])[..., 0],
             changes[:, OFFSET],
         )
-        return _Motion(sightings, joints_m, for_clocks, has_converged(trajectory))
+        return _Motion(sightings, joints_m, for_clocks.sum(axis=(0, 2)), has_converged(trajectory))
 
 
 def _setting(people: Sequence[Observations], rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> _Setting:

@@ -137,9 +137,7 @@ class Consumers:
         console, tell, parts = new_console(stderr=True), self.tell, self.parts
         if not options.no_diagnose:
             self.diagnosis = stack.enter_context(self._opened_diagnosis(rig, skeleton, waits=is_fast))
-        warn_if_others_reach(options.host, "--host", "the outputs (page with pictures, people, distances)")
-        if self.who is None:
-            warn_if_others_reach(options.inputs_host, "--inputs-host", "the inputs (keypoints, poses of the robot)")
+        self._warn_of_others(options)
         if options.page is not None:
             page = StatusPage(
                 rig,
@@ -173,6 +171,11 @@ class Consumers:
             self.viewer = open_viewer(options.rrd, rig, skeleton, options.view, tell, parts)
             self._add(stack, self.viewer)
             self.observers.append(self.viewer.observe)
+
+    def _warn_of_others(self, options: LiveOutputs) -> None:
+        warn_if_others_reach(options.host, "--host", "the outputs (page with pictures, people, distances)")
+        if self.who is None:
+            warn_if_others_reach(options.inputs_host, "--inputs-host", "the inputs (keypoints, poses of the robot)")
 
     def _opened_diagnosis(self, rig: CameraRig, skeleton: Skeleton, *, waits: bool) -> LiveDiagnosis:
         from fgpose.live.diagnosis.live_diagnosis import LiveDiagnosis

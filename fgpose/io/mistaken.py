@@ -14,7 +14,7 @@ _CALIBRATIONS = (".toml", ".yml", ".yaml", ".xcp")
 
 def refuse_result(path: Path) -> None:
     """Raise ValueError, which names the file, where keypoints belong and this is a result, or a calibration."""
-    if _is_result(path):
+    if _is_result(_contents(path)) or _is_trc(path):
         raise ValueError(f"{path}: this is a result, not keypoints: give the keypoints that it was made from")
     if path.suffix.lower() in _CALIBRATIONS:
         raise ValueError(
@@ -26,17 +26,18 @@ def refuse_keypoints(path: Path) -> None:
     """Raise ValueError, which names the file, where a result belongs and these are keypoints."""
     if path.is_dir():
         raise ValueError(f"{path}: a folder, not the file of a result (.parquet, .npz, .trc or .c3d)")
-    if _are_keypoints(path):
+    if _are_keypoints(_contents(path)):
         raise ValueError(f"{path}: these are keypoints, not a result: fgpose smooth makes one of them")
 
 
 def refuse_recording(path: Path) -> None:
     """Raise ValueError where a calibration belongs and the file has keypoints, or a result; the caller names it."""
-    if _are_keypoints(path):
+    contents = _contents(path)
+    if _are_keypoints(contents):
         raise ValueError(
             "these are keypoints, not a calibration, which is a file of its own: fgpose calibrate makes one"
         )
-    if _is_result(path):
+    if _is_result(contents) or _is_trc(path):
         raise ValueError("this is a result, not a calibration: give the rig that it was made with")
 
 
@@ -51,13 +52,11 @@ def refuse_folder_of_keypoints(folder: Path) -> None:
         )
 
 
-def _is_result(path: Path) -> bool:
-    contents = _contents(path)
-    return {"positions_m", "status"} <= contents or {"x_m", "status"} <= contents or _is_trc(path)
+def _is_result(contents: set[str]) -> bool:
+    return {"positions_m", "status"} <= contents or {"x_m", "status"} <= contents
 
 
-def _are_keypoints(path: Path) -> bool:
-    contents = _contents(path)
+def _are_keypoints(contents: set[str]) -> bool:
     return "points2d_px" in contents or {"camera", "x_px"} <= contents
 
 

@@ -26,6 +26,7 @@ from fgpose.estimation.covariances.variance_components import (
     TIMES_S,
     ErrorComponents,
     correlation_after,
+    covariance_of_sum,
 )
 
 # Errors of visible joints are correlated over less.
@@ -118,15 +119,11 @@ def _of_errors(
     pull: Float[np.ndarray, "frame joint 2 unknown"], components: ErrorComponents, step_s: float
 ) -> Float[np.ndarray, "unknown unknown"]:
     """Covariance of the sum of the errors of one camera, each times its pull."""
-    from scipy.signal import lfilter
-
-    n_unknowns = pull.shape[-1]
+    n_frames, n_joints, n_axes, n_unknowns = pull.shape
     covariance = np.zeros((n_unknowns, n_unknowns))
     for time_s, variances in zip(TIMES_S, components.variances.T, strict=True):
         own = np.sqrt(variances[:, None] * components.axes)[..., None] * pull
-        # The sum over all pairs of frames of decay^|t - s| x_t x_s, from what each has before it.
-        decay = float(correlation_after(time_s, np.array([step_s]))[0])
-        before = 2 * np.asarray(lfilter([1.0], [1.0, -decay], own, axis=0)) - own
-        shared = np.einsum("jk,tkiu->tjiu", components.correlation, before)
-        covariance += np.tensordot(own, shared, axes=((0, 1, 2), (0, 1, 2)))
-    return (covariance + covariance.T) / 2
+        by_sample = np.einsum("js,tjiu->tsiu", components.mixing, own, optimize=True)
+        correlation = correlation_after(time_s, np.full(n_frames, step_s))
+        covariance += covariance_of_sum(by_sample.reshape(n_frames, n_joints * n_axes, n_unknowns), correlation)
+    return covariance

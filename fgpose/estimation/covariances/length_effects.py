@@ -17,7 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.estimation.covariances.variance_components import TIMES_S, ErrorComponents, correlation_after
+from fgpose.estimation.covariances.variance_components import (
+    TIMES_S,
+    ErrorComponents,
+    correlation_after,
+    covariance_of_sum,
+)
 from fgpose.estimation.noise import shared_errors
 from fgpose.estimation.solvers.normal_equations import Linearized
 
@@ -73,20 +78,6 @@ class LengthEffects:
             if np.isinf(time_s):
                 own_m *= np.sqrt(self.bias_share)[:, None, :, None, None]
             by_sample_m = np.einsum("js,tcjal->tcsal", mixing, own_m, optimize=True)
-            covariance_m2 += _summed_m2(
-                by_sample_m.reshape(len(step_s), -1, n_lengths), correlation_after(time_s, step_s)
-            )
+            correlation = correlation_after(time_s, step_s)
+            covariance_m2 += covariance_of_sum(by_sample_m.reshape(len(step_s), -1, n_lengths), correlation)
         return covariance_m2
-
-
-def _summed_m2(
-    effects_m: Float[np.ndarray, "frame error length"], correlation: Float[np.ndarray, " frame"]
-) -> Float[np.ndarray, "length length"]:
-    """Covariance from errors of variance 1, each correlated with itself in the frame before: a first-order Gauss-Markov
-    process, whose correlations multiply from frame to frame."""
-    carried_m, both_m2 = np.zeros(effects_m.shape[1:]), np.zeros((effects_m.shape[-1],) * 2)
-    for own_m, kept in zip(effects_m, correlation, strict=True):
-        carried_m = kept * carried_m
-        both_m2 += own_m.T @ carried_m
-        carried_m += own_m
-    return both_m2 + both_m2.T + np.einsum("tel,tem->lm", effects_m, effects_m, optimize=True)

@@ -168,6 +168,19 @@ def correlation_after(time_s: float, lags_s: Float[np.ndarray, " lag"]) -> Float
     return np.ones(len(lags_s)) if np.isinf(time_s) else np.exp(-lags_s / max(time_s, 1e-9))
 
 
+def covariance_of_sum(
+    effects: Float[np.ndarray, "frame error unknown"], correlation: Float[np.ndarray, " frame"]
+) -> Float[np.ndarray, "unknown unknown"]:
+    """Covariance of the sum of the effects of errors of variance 1, each correlated with itself in the frame before: a
+    first-order Gauss-Markov process, whose correlations multiply from frame to frame."""
+    carried, both = np.zeros(effects.shape[1:]), np.zeros((effects.shape[-1],) * 2)
+    for own, kept in zip(effects, correlation, strict=True):
+        carried = kept * carried
+        both += own.T @ carried
+        carried += own
+    return both + both.T + np.einsum("teu,tev->uv", effects, effects, optimize=True)
+
+
 def _usual_difference(joints: Sequence[str]) -> Float[np.ndarray, " joint"]:
     return np.array([_OF_HIPS * any(hip in name for hip in _HIPS) for name in joints])
 

@@ -69,7 +69,7 @@ class Known:
             skeleton=self.skeleton,
             people=people,
             cameras=told,
-            observed_share=self.volume.share(camera.name for camera in told if camera.state is CameraState.OK),
+            observed_share=self.volume.share(told),
             tracking_since_s=self.since_s,
             restarts=restarts,
             diagnosis=diagnosis,

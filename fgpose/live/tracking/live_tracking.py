@@ -15,7 +15,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.io.live.tracker_memory import TrackerMemory
 from fgpose.live.cameras.frozen_keypoints import are_same
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LiveJudgement, LivePerson, Restarts
+from fgpose.live.frame import CameraStatus, LiveFrame, LiveJudgement, LivePerson, Restarts
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.known import Known, KnownCamera
@@ -157,7 +157,7 @@ class LiveTracking:
 
     def observed_share(self, cameras: Sequence[CameraStatus]) -> float:
         """Of the volume, by at least two of the cameras that are ok."""
-        return self._volume.share(camera.name for camera in cameras if camera.state is CameraState.OK)
+        return self._volume.share(cameras)
 
     def tidy(self) -> None:
         """Do what can be done before the next images come. To be called when what is known has been published."""

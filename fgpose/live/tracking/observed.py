@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.field_of_view import in_views
+from fgpose.live.frame import CameraState, CameraStatus
 
 _FOCUS_M = 3.0  # in front of cameras that look in parallel: about the middle of a room
 _PARALLEL = 1e-3  # mean squared sine of the angles between the optical axes, of cameras within two degrees
@@ -82,9 +83,9 @@ class ObservedVolume:
         self._rig, self._points_m = rig, points_m
         self._last: tuple[frozenset[str], float] = frozenset(), 0.0
 
-    def share(self, ok_cameras: Iterable[str]) -> float:
-        """See observed_share."""
-        ok, last = frozenset(ok_cameras), self._last
+    def share(self, cameras: Iterable[CameraStatus]) -> float:
+        """By those of the cameras that are ok, see observed_share."""
+        ok, last = frozenset(camera.name for camera in cameras if camera.state is CameraState.OK), self._last
         if ok != last[0]:
             last = self._last = ok, observed_share(self._rig, ok, self._points_m)
         return last[1]
