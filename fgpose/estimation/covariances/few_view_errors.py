@@ -121,8 +121,8 @@ def other_explanations_m2(
     evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, skeleton: Skeleton
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """Second moment of where each joint would be if the detections that were taken for hallucinated were right, while
-    fewer than two others are believed: of views that contradict each other, it is not known which one is right. 0 for
-    joints that two cameras see, or of which a view's own 3D tells which one is right.
+    fewer than two others are believed: of views that contradict each other, it is known with the probability of the one
+    that is believed which one is right. 0 for joints that two cameras see, or of which a view's own 3D tells it.
 
     A joint is not farther off than to where it may have swung around its neighbours.
     """
@@ -137,8 +137,10 @@ def other_explanations_m2(
     distance_m = np.linalg.norm(off_m, axis=-1)
     reach_m = _reach_m(positions_m, skeleton)[:, None]
     off_m *= np.divide(reach_m, distance_m, out=np.ones_like(distance_m), where=distance_m > reach_m)[..., None]
-    # Each is as likely as the estimate.
-    share = 1 / (1 + rejected.sum(axis=1))
+    # Nothing is more likely than the estimate.
+    n_rejected = rejected.sum(axis=1)
+    doubt = 1 - np.max(evidence.visibility, axis=1, where=evidence.believed, initial=0.0)
+    share = np.minimum(doubt / np.maximum(n_rejected, 1), 1 / (1 + n_rejected))
     return share[..., None, None] * np.einsum("tcji,tcjk->tjik", off_m, off_m)
 
 
