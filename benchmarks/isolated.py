@@ -1,7 +1,7 @@
 """Long runs in a process of their own, so that nothing else counts in their memory.
 
-``python isolated.py batch|isam2|window RECORDING.npz SKELETON`` prints one JSON object; RECORDING is of the scenario of
-this folder.
+``python isolated.py batch|isam2|window RECORDING.npz SKELETON [tidied]`` prints one JSON object; RECORDING is of the
+scenario of this folder.
 """
 
 from __future__ import annotations
@@ -33,12 +33,13 @@ Task = Literal["batch"] | Solver
 """In batch, or online by one of the solvers."""
 
 
-def run_isolated(task: Task, observations: fgpose.Observations) -> dict[str, Any]:
-    """The numbers of a task on a recording, measured in a fresh process."""
+def run_isolated(task: Task, observations: fgpose.Observations, *, tidied: bool = False) -> dict[str, Any]:
+    """The numbers of a task on a recording, measured in a fresh process; tidied: see online."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "recording.npz"
         save_observations(observations, path)
         command = [sys.executable, str(Path(__file__)), task, str(path), observations.skeleton.name]
+        command += ["tidied"] if tidied else []
         return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
 
 
@@ -64,9 +65,11 @@ def batch(observations: fgpose.Observations) -> dict[str, Any]:
     }
 
 
-def online(observations: fgpose.Observations, solver: Solver) -> dict[str, Any]:
+def online(observations: fgpose.Observations, solver: Solver, *, tidied: bool = False) -> dict[str, Any]:
     """Every frame as if live; time and memory after each, and the function calls of the last frames of both halves,
-    which do not depend on the other work of a machine. Frames whose calls are counted are not timed: it slows them."""
+    which do not depend on the other work of a machine. Frames whose calls are counted are not timed: it slows them.
+    Tidied: the estimator learns and revises between the images (Estimator.tidy), as that of `fgpose live` does; what an
+    update takes then is how much older a pose is than its images."""
     config = fgpose.Config(online={"solver": solver})
     estimator = fgpose.Estimator(ring_rig(), observations.skeleton, config)
     wall_ms, cpu_ms, resident_mb = [], [], []
@@ -81,13 +84,15 @@ def online(observations: fgpose.Observations, solver: Solver) -> dict[str, Any]:
         wall_ms.append(1e3 * timing.wall_s)
         cpu_ms.append(1e3 * timing.cpu_s)
         resident_mb.append(resident_memory_mb())
+        if tidied:
+            estimator.tidy()
     calls = [sum(entry.callcount for entry in profile.getstats()) for profile in profiles.values()]
     return {"wall_ms": wall_ms, "cpu_ms": cpu_ms, "resident_mb": resident_mb, "calls": calls}
 
 
-def _main(task: str, path: str, skeleton: str) -> None:
+def _main(task: str, path: str, skeleton: str, *tidied: str) -> None:
     observations = fgpose.load_observations(path, ring_rig(), skeleton)
-    online_by = {solver: partial(online, solver=solver) for solver in get_args(Solver)}
+    online_by = {solver: partial(online, solver=solver, tidied=bool(tidied)) for solver in get_args(Solver)}
     print(json.dumps({"batch": batch, **online_by}[task](observations)))
 
 

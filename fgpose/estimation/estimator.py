@@ -224,9 +224,9 @@ class Estimator(Exclusive):
 
     @exclusive
     def tidy(self) -> None:
-        """Do what the next update would do first: learn from the newest frame, and revise the frames before. To be
-        called in the time until the next images come, which are estimated sooner then. Images that join the newest
-        frame afterwards are not learned from."""
+        """Do what the next update would do first: learn from the newest frame and from what has left the window, and
+        revise the frames in between. To be called in the time until the next images come, which are estimated sooner
+        then. Images that join the newest frame afterwards are not learned from."""
         self._body.tidy()
         for each in self._parts:
             each.estimator.tidy()

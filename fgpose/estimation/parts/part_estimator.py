@@ -74,6 +74,8 @@ class PartEstimator:
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
         self._is_tidy = True
+        self._left: list[FrameState] = []
+        """Frames that have left the window, and were not learned from yet."""
         self._returns = None if is_one_person else Returns()
         self._arrivals = Arrivals(rig.names, warns=holder is None)
         self._plausibility = RunningPlausibility()
@@ -176,7 +178,7 @@ class PartEstimator:
         self._judge()
         self._estimates.take_lagged(self._window, self._rig)
         for oldest in self._window.marginalise():
-            self._learn_smoothed(oldest)
+            self._left.append(oldest)
             self._estimates.take_lagged(self._window, self._rig)
         return self._estimates.newest(self._window, self._rig)
 
@@ -290,7 +292,9 @@ class PartEstimator:
         return self._visibility.at_first if state is None else Filtered(state.at.time_s, state.filtered)
 
     def _learn(self) -> None:
-        """From the newest frame, all images of which are there that will be used."""
+        """From the newest frame, all images of which are there that will be used, and from those that have left."""
+        while self._left:
+            self._learn_smoothed(self._left.pop(0))
         self._lengths.add(self._window[-1].evidence)
         self._lengths.improve(self._rig, self._estimates.error_components)
         self._sole_views.learn(self._window[-1], self._lengths.learned.lengths_m, self._rig)
