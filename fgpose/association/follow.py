@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from fgpose.association.detectability import Blind, FrozenCameras, detection_probability
 from fgpose.association.founding import MAX_GAIN, Founded, found, found_alone
@@ -19,11 +18,21 @@ from fgpose.association.identity.appearance import MeanAppearance, Resemblance
 from fgpose.association.identity.exchange import Encounters, Finding, Settled
 from fgpose.association.identity.likeness import Builds, Likeness, Passage
 from fgpose.association.identity.lost import Lost
+from fgpose.association.identity.sides import Shown, Sides, Turned, turned
 from fgpose.association.likelihood import padded
 from fgpose.association.matching import Matches, Moment, follow
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.sighting import NewPerson, Sighting
-from fgpose.association.track import COASTING_S, SAME_MOMENT_S, Track, TrackEvent, TrackState
+from fgpose.association.track import (
+    COASTING_S,
+    SAME_MOMENT_S,
+    Track,
+    TrackEvent,
+    TrackState,
+    at_one_place,
+    tell_apart,
+    whose,
+)
 from fgpose.correspondences import NOBODY
 from fgpose.geometry.camera import CameraRig
 from fgpose.parameters import TrackingConfig
@@ -34,8 +43,8 @@ from fgpose.skeleton import Skeleton
 _GONE = np.log(1e-3)
 # Odds of somebody who is tentative, and time without a detection, at which they are given up.
 _HARDLY, _TENTATIVE_S = -2.0, 0.2
-# Two tracks whose middles stay this near for this long are one person, found twice; unless they were seen apart.
-_ONE_BODY_M, _ONE_BODY_S = 0.2, 0.3
+# Two tracks that stay at one place for this long are one person, found twice; unless they were seen apart.
+_ONE_BODY_S = 0.3
 
 
 class Follower:
@@ -48,7 +57,7 @@ class Follower:
         rig, skeleton: of the images.
         config: None: the default.
         lost: who was lost before; None: nobody.
-        looks_back: whether who is found to be exchanged gets the number of before again.
+        looks_back: whether what is found to be exchanged is put right from when it was: numbers of people, sides.
     """
 
     def __init__(
@@ -74,6 +83,10 @@ class Follower:
         self._encounters, self._looks_back = Encounters(self._lost.builds), looks_back
         self.exchanged: list[Finding] = []
         """Who got the numbers of before again; of who looks back."""
+        self._shown: list[Shown] = []
+        """The newest images."""
+        self.turned: list[tuple[int, float, Turned]] = []
+        """Numbers of tracks whose left was called right, and since when; of who looks back."""
         self.resemblance = Resemblance()
         self._blind, self._frozen = Blind(rig.names), FrozenCameras()
         self.person_of_track: dict[int, int] = {}
@@ -115,7 +128,7 @@ class Follower:
         tracks = np.array([track.number for track in self.tracks], dtype=int)
         self.person_of_track = {track.number: track.person for track in self.tracks if track.is_confirmed}
         matches = self._match(moment)
-        self._tell_apart(matches)
+        tell_apart(self.tracks, matches.chosen != NOBODY)
         self._look(images, matches)
         self._offer(moment, matches)
         begun = self._found(moment.time_s)
@@ -146,6 +159,22 @@ class Follower:
         self._score(people, matches, moment)
         return matches
 
+    def _put_sides_right(self, moment: Moment, matches: Matches) -> None:
+        """Of those whose left images have called right for most of the time."""
+        now_s, recent_s = moment.time_s, moment.time_s - SAME_MOMENT_S
+        self._shown = [each for each in self._shown if each.moment.time_s > recent_s]
+        self._shown.append(Shown(moment, matches, [track.number for track in self.tracks]))
+        for track in self.tracks:
+            other = turned(self._shown, track.number, self.rig, self._skeleton)
+            track.sides.told(now_s, are_wrong=other is not None)
+            if other is None or not track.sides.are_wrong:
+                continue
+            since_s, track.pose, track.sides = track.sides.since_s, other.pose, Sides(now_s)
+            if self._looks_back:
+                self.turned.append((track.number, since_s, other))
+            elif track.is_confirmed:
+                self._note(now_s, track, "sides exchanged", f"since {since_s:.2f} s, by {', '.join(other.cameras)}")
+
     def _exists(self, track: Track) -> float:
         """Probability that somebody is there."""
         return 1.0 if track.is_confirmed else 1 / (1 + np.exp(self._confirm_score - track.score))
@@ -154,19 +183,6 @@ class Follower:
     def _confirm_score(self) -> float:
         """At worst somebody is founded in vain in every second."""
         return np.log(3600.0 / self._config.false_tracks_per_hour)
-
-    def _tell_apart(self, matches: Matches) -> None:
-        """Who are seen in one image, each at a place of their own, are two, however near they come to each other."""
-        is_seen = matches.chosen != NOBODY
-        numbers = {track.number for track in self.tracks}
-        for k, track in enumerate(self.tracks):
-            track.apart_from &= numbers
-            if track.is_confirmed:
-                track.apart_from |= {
-                    other.number
-                    for n, other in enumerate(self.tracks)
-                    if other.is_confirmed and (is_seen[:, k] & is_seen[:, n]).any() and not _at_one_place(track, other)
-                }
 
     def _look(self, images: Sequence[Detections], matches: Matches) -> None:
         for c, image in enumerate(images):
@@ -195,6 +211,7 @@ class Follower:
         for k, track in enumerate(self.tracks):
             track.pose = people[k : k + 1]
             track.told(moment.cameras.names, moment.times_s, shows[:, k], gain[:, k], self._n_agreeing)
+        self._put_sides_right(moment, matches)
 
     def _found(self, now_s: float) -> dict[str, list[NewPerson]]:
         """Follow those who are new, or found again. By camera those whom its newest image shows."""
@@ -216,7 +233,7 @@ class Follower:
             chosen = {name: number for name, number in numbers if number != NOBODY}
             nobodys = {name: number for name, number in chosen.items() if number not in self._of_one_view[name]}
             shown = [self._of_one_view[name][number] for name, number in chosen.items() if name not in nobodys]
-            track = self._whose(somebody.pose.middle_m[0], shown, now_s)
+            track = whose(self.tracks, shown, somebody.pose.middle_m[0], now_s)
             if track not in shown and len(nobodys) < min(len(chosen), self._n_agreeing):
                 continue
             track = self._begin(track, somebody, nobodys, moment)
@@ -224,18 +241,6 @@ class Follower:
                 self._free[name].points_px[0, number] = np.nan
                 begun[name].append(NewPerson(track.number, number, somebody.pose))
         return begun
-
-    def _whose(self, middle_m: Float[np.ndarray, " 3"], shown: Collection[Track], now_s: float) -> Track | None:
-        """Who a body is on which cameras agree: of those whom one of them alone shows, else of those who coast, the
-        nearest who may have come there."""
-        coasting = [track for track in self.tracks if track.seen_s < now_s - SAME_MOMENT_S]
-        for tracks, is_shown in ((shown, True), (coasting, False)):
-            # Who is shown may have ended since that image.
-            confirmed = [track for track in tracks if track.is_confirmed]
-            may_be = [track for track in confirmed if track.may_be(middle_m, now_s, is_shown=is_shown)]
-            if may_be:
-                return min(may_be, key=lambda track: float(np.linalg.norm(track.middle_m - middle_m)))
-        return None
 
     def _begin(self, known: Track | None, somebody: Founded, cameras: Collection[str], moment: Moment) -> Track:
         """The track of somebody on whom these cameras agree, whom it finds again, or a new one."""
@@ -328,7 +333,7 @@ class Follower:
                 for elder in live[:n]
                 if elder.state is not TrackState.ENDED
                 and elder.number not in younger.apart_from
-                and _at_one_place(elder, younger)
+                and at_one_place(elder, younger)
             ]
             younger.near_s = {elder.number: younger.near_s.get(elder.number, now_s) for elder in elders}
             for elder in elders:
@@ -343,7 +348,3 @@ class Follower:
 
     def _note(self, time_s: float, track: Track, what: str, reason: str, became: int | None = None) -> None:
         self.events.append(TrackEvent(time_s, track.person, what, reason, became))
-
-
-def _at_one_place(one: Track, other: Track) -> bool:
-    return bool(np.linalg.norm(one.middle_m - other.middle_m) <= _ONE_BODY_M)

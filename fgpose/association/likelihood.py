@@ -130,8 +130,9 @@ class Likelihood:
 
     def mirrored_where_better(
         self, expected: Expected, undistorted_px: np.ndarray, cameras: CameraRig, mirror: Int[np.ndarray, " joint"]
-    ) -> tuple[Likelihood, Bool[np.ndarray, "camera person detection"]]:
-        """With left and right exchanged where that is far more probable, and where.
+    ) -> tuple[Likelihood, Int[np.ndarray, "camera person detection"]]:
+        """With left and right exchanged where that is far more probable; and 1 there, -1 where it is far less probable,
+        0 where it does not tell.
 
         Args:
             expected, undistorted_px, cameras: as this likelihood was made of.
@@ -141,8 +142,9 @@ class Likelihood:
         if self.distance_log_ratio is not None:
             exchanged = replace(exchanged, distance_log_ratio=self.distance_log_ratio)
         mirrored = exchanged.score > np.maximum(self.score, 0.0) + _MIRRORED_LOG_RATIO
+        as_labelled = self.score > np.maximum(exchanged.score, 0.0) + _MIRRORED_LOG_RATIO
         log_ratio = np.where(mirrored[..., None], exchanged.log_ratio, self.log_ratio)
-        return replace(self, log_ratio=log_ratio), mirrored
+        return replace(self, log_ratio=log_ratio), mirrored.astype(int) - as_labelled
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,8 +91,8 @@ class Moment:
 
     def likelihood_either_way(
         self, expected: Expected, mirror: Int[np.ndarray, " joint"]
-    ) -> tuple[Likelihood, Bool[np.ndarray, "camera person detection"]]:
-        """The same with left and right exchanged where that is far more probable, and where."""
+    ) -> tuple[Likelihood, Int[np.ndarray, "camera person detection"]]:
+        """The same, see Likelihood.mirrored_where_better."""
         return self.likelihood(expected).mirrored_where_better(expected, self.points_px, self.cameras, mirror)
 
     def without(self, taken: Bool[np.ndarray, "camera detection"]) -> Moment:
@@ -117,6 +117,8 @@ class Matches:
     would explain the detection as well; 0 without one."""
     is_double: Bool[np.ndarray, "camera detection"]
     """Whether a detection is of somebody who has another one in the same image."""
+    sides: Int[np.ndarray, "camera person"]
+    """1 where the chosen detection has left and right exchanged, -1 where it has not, 0 where it does not tell."""
 
     @property
     def is_free(self) -> Bool[np.ndarray, "camera detection"]:
@@ -132,7 +134,7 @@ class Matches:
         none = np.zeros((n_cameras, 0, n_joints), dtype=int)
         is_double = np.zeros((n_cameras, n_detections), dtype=bool)
         nothing = np.zeros((n_cameras, 0))
-        return Matches(none[..., 0], none, none, nothing, nothing, is_double)
+        return Matches(none[..., 0], none, none, nothing, nothing, is_double, none[..., 0])
 
     def probability(self, likelihood: Likelihood) -> Float[np.ndarray, "camera person joint"]:
         """That each matched joint is of the person; 0 where there is none."""
@@ -181,7 +183,7 @@ def _measured_px(image: Detections, camera: Camera) -> Float[np.ndarray, "detect
 
 def match(
     likelihood: Likelihood,
-    mirrored: Bool[np.ndarray, "camera person detection"],
+    sides: Int[np.ndarray, "camera person detection"],
     exists: Float[np.ndarray, " person"],
     mirror: Int[np.ndarray, " joint"],
 ) -> Matches:
@@ -189,7 +191,7 @@ def match(
 
     Args:
         likelihood: of every detection against every person.
-        mirrored: where it is that of the detection with left and right exchanged.
+        sides: 1 where it is that of the detection with left and right exchanged; see Likelihood.mirrored_where_better.
         exists: probability that each person is there.
         mirror: the joint on the other side of each.
     """
@@ -203,13 +205,15 @@ def match(
     score[camera, person] = likelihood.score[camera, person, own]
     detection = np.repeat(chosen[..., None], n_joints, axis=2)
     joint = np.tile(np.arange(n_joints), (n_cameras, n_people, 1))
-    exchanged = mirrored[camera, person, own]
-    joint[camera[exchanged], person[exchanged]] = mirror
-    hand_over(detection, joint, chosen, likelihood.probability, mirrored, mirror)
+    of_chosen = np.zeros(chosen.shape, dtype=int)
+    of_chosen[camera, person] = sides[camera, person, own]
+    joint[of_chosen > 0] = mirror
+    hand_over(detection, joint, chosen, likelihood.probability, sides > 0, mirror)
     taken = np.zeros((n_cameras, n_detections), dtype=bool)
     taken[camera, own] = True
     fits_somebody = (likelihood.fits & (chosen != NOBODY)[..., None]).any(axis=1)
-    return Matches(chosen, detection, joint, score, _gain(likelihood.score, chosen, score), ~taken & fits_somebody)
+    gain = _gain(likelihood.score, chosen, score)
+    return Matches(chosen, detection, joint, score, gain, ~taken & fits_somebody, of_chosen)
 
 
 def _assigned(
@@ -286,19 +290,19 @@ def follow(
     """
     people = people.predicted(moment.time_s)
     expected = people.seen_by(moment.cameras, moment.times_s)
-    likelihood, mirrored = moment.likelihood_either_way(expected, mirror)
-    matches = match(likelihood, mirrored, exists, mirror)
+    likelihood, sides = moment.likelihood_either_way(expected, mirror)
+    matches = match(likelihood, sides, exists, mirror)
     for _ in range(_TURNS if moment.cameras.n_cameras > 1 else 0):
         contested = np.flatnonzero(np.any(np.sum(likelihood.score > 0, axis=1) > 1, axis=-1))
-        by_others, mirrored = likelihood, mirrored.copy()
+        by_others, sides = likelihood, sides.copy()
         for camera in contested.tolist():
             own = moment.of_camera(camera)
             others = matches.update(people, expected, moment, likelihood, without=camera)
             there = others.seen_by(own.cameras, own.times_s)
-            of_camera, mirrored[camera : camera + 1] = own.likelihood_either_way(there, mirror)
+            of_camera, sides[camera : camera + 1] = own.likelihood_either_way(there, mirror)
             by_others = by_others.with_camera(camera, of_camera)
         before, likelihood = matches, by_others
-        matches = match(likelihood, mirrored, exists, mirror)
+        matches = match(likelihood, sides, exists, mirror)
         if np.array_equal(matches.chosen, before.chosen):
             break
     return matches.update(people, expected, moment, likelihood), matches

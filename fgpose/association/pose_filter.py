@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import CameraRig
 
@@ -76,6 +76,10 @@ class PoseFilters:
     def middle_m(self) -> Float[np.ndarray, "person 3"]:
         """Median of the joints of each."""
         return np.median(self.positions_m, axis=1)
+
+    def exchanged(self, mirror: Int[np.ndarray, " joint"]) -> PoseFilters:
+        """With left and right exchanged; mirror: the joint on the other side of each."""
+        return PoseFilters(self.time_s, self.mean[:, mirror], self.covariance[:, mirror])
 
     @property
     def reversed(self) -> PoseFilters:

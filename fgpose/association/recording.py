@@ -7,13 +7,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.association.detectability import repeats
 from fgpose.association.follow import Follower
 from fgpose.association.identity.exchange import Settled, Together
 from fgpose.association.identity.likeness import Passage
 from fgpose.association.identity.lost import EverybodyLost, links
+from fgpose.association.identity.sides import Turned
 from fgpose.association.matching import Moment, follow
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import TrackEvent
@@ -133,6 +134,8 @@ def associate(
         confirmed |= follower.person_of_track
         while follower.exchanged:
             _put_right(seen, follower.exchanged.pop().together, recording.frames.frame_time_s)
+        while follower.turned:
+            _turn_round(seen, first, *follower.turned.pop(), recording, observations.skeleton.mirror)
         if progress:
             progress(frame + 1, len(recording))
     follower.finish()
@@ -161,6 +164,30 @@ def _put_right(
         for early in (True, False)
     )
     seen[one], seen[other] = before[0] + after[1], before[1] + after[0]
+
+
+def _turn_round(
+    seen: dict[int, list[SeenInImage]],
+    first: dict[int, tuple[int, PoseFilters]],
+    track: int,
+    since_s: float,
+    turned: Turned,
+    recording: _Frames,
+    mirror: Int[np.ndarray, " joint"],
+) -> None:
+    """Call left right, and vice versa, in what some cameras show of somebody since then, and in the pose in which they
+    were founded."""
+    since = int(np.searchsorted(recording.frames.frame_time_s, since_s))
+    cameras = {recording.rig.names.index(name) for name in turned.cameras}
+    seen[track] = [
+        (frame, c, detection[mirror], joint[mirror])
+        if frame >= since and c in cameras
+        else (frame, c, detection, joint)
+        for frame, c, detection, joint in seen.get(track, [])
+    ]
+    begun, pose = first[track]
+    if begun >= since and turned.are_all:
+        first[track] = begun, pose.exchanged(mirror)
 
 
 def _without_doubts(events: Sequence[TrackEvent]) -> list[TrackEvent]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.association.identity.likeness import Likeness, Passage
+from fgpose.association.identity.sides import Sides
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.correspondences import NOBODY
 from fgpose.trajectory import Estimate
@@ -27,6 +28,7 @@ _MAX_SCORE = 30.0
 # How far somebody is found again from where they are predicted, and from where two cameras agreed on them: the body may
 # have turned round.
 _FOUND_AGAIN_M, _WALKS_MPS, _HURRIES_MPS = 0.3, 1.0, 3.0
+_ONE_BODY_M = 0.2  # the middles of two bodies are farther apart
 # How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
 _RECOGNISED_WITHIN_S = 3.0
 
@@ -54,7 +56,8 @@ class TrackEvent:
     person: int
     what: str
     """confirmed, found again, lost, recognised, doubted (whether they are who they were recognised as), merged, perhaps
-    exchanged, exchanged or not exchanged."""
+    exchanged, exchanged, not exchanged, or sides exchanged (left and right were called each other since the time in the
+    reason; results of a recording are right throughout)."""
     reason: str
     became: int | None = None
     """Of who is recognised or merged: whom the number of person meant all along, by their own number. It is not used
@@ -98,6 +101,7 @@ class Track:
 
     def __post_init__(self) -> None:
         self.founded_m = self.agreed_m = self.middle_m
+        self.sides = Sides(self.founded_s)
         self.agreed_s = self.founded_s
         """When enough cameras to tell where last detected them at once; -inf if none did for a while since."""
 
@@ -157,6 +161,7 @@ class Track:
     def found_again(self, pose: PoseFilters, shown_s: Mapping[str, float]) -> None:
         """Cameras agree on where they are."""
         self.pose, self.absent, self.seen_s = pose, 0.0, max(shown_s.values())
+        self.sides = Sides(self.seen_s)
         self.shown_s |= shown_s
         self.agreed_s, self.agreed_m = self.seen_s, self.middle_m
 
@@ -187,6 +192,39 @@ class Track:
     def middle_m(self) -> Float[np.ndarray, " 3"]:
         """Median of the joints."""
         return self.pose.middle_m[0]
+
+
+def whose(
+    tracks: Collection[Track], shown: Collection[Track], middle_m: Float[np.ndarray, " 3"], now_s: float
+) -> Track | None:
+    """Who a body is on which cameras agree: of those whom one of them alone shows, else of those who coast, the nearest
+    who may have come there."""
+    coasting = [track for track in tracks if track.seen_s < now_s - SAME_MOMENT_S]
+    for some, is_shown in ((shown, True), (coasting, False)):
+        # Who is shown may have ended since that image.
+        confirmed = [track for track in some if track.is_confirmed]
+        may_be = [track for track in confirmed if track.may_be(middle_m, now_s, is_shown=is_shown)]
+        if may_be:
+            return min(may_be, key=lambda track: float(np.linalg.norm(track.middle_m - middle_m)))
+    return None
+
+
+def at_one_place(one: Track, other: Track) -> bool:
+    """Whether two bodies cannot both be there."""
+    return bool(np.linalg.norm(one.middle_m - other.middle_m) <= _ONE_BODY_M)
+
+
+def tell_apart(tracks: Sequence[Track], is_seen: Bool[np.ndarray, "camera track"]) -> None:
+    """Who are seen in one image, each at a place of their own, are two, however near they come to each other."""
+    numbers = {track.number for track in tracks}
+    for k, track in enumerate(tracks):
+        track.apart_from &= numbers
+        if track.is_confirmed:
+            track.apart_from |= {
+                other.number
+                for n, other in enumerate(tracks)
+                if other.is_confirmed and (is_seen[:, k] & is_seen[:, n]).any() and not at_one_place(track, other)
+            }
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,7 +107,7 @@ def test_people_at_the_same_pixels_are_told_apart(rig: CameraRig, skeleton: Skel
     camera, near_m = rig.cameras[0], body_m(skeleton)
     far_m = behind(camera, near_m, 1.2)
     expected = known_to(0.05, near_m, far_m).seen_by(rig.subset(rig.names[:1]), np.zeros(1))
-    no_mirror = np.zeros((1, 2, 2), dtype=bool)
+    no_mirror = np.zeros((1, 2, 2), dtype=int)
     for order in ([near_m, far_m], [far_m, near_m]):
         moment = Moment.of(images_in_3d(rig.subset(rig.names[:1]), 0.0, [order], np.random.default_rng(0)), rig)
         chosen = match(moment.likelihood(expected), no_mirror, np.ones(2), skeleton.mirror).chosen

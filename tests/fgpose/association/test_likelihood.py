@@ -81,10 +81,12 @@ def test_a_mirrored_detection_is_recognised(
     straight = points_px.copy()
     points_px[:2, 1] = points_px[:2, 1][:, skeleton.mirror]
     as_detected = Likelihood.of(expected, points_px, rig)
-    likelihood, mirrored = as_detected.mirrored_where_better(expected, points_px, rig, skeleton.mirror)
+    likelihood, sides = as_detected.mirrored_where_better(expected, points_px, rig, skeleton.mirror)
     own = np.arange(len(PLACES_M))
-    assert mirrored[:2, 1, 1].all()
-    assert mirrored[:, own, own].sum() == 2
+    assert (sides[:2, 1, 1] == 1).all()
+    assert (sides[:, own, own] == 1).sum() == 2
+    # Of the others, none is more probable with left and right exchanged.
+    assert (sides[:, own, own] == -1).any()
     truth = Likelihood.of(expected, straight, rig)
     np.testing.assert_allclose(likelihood.score[:, own, own], truth.score[:, own, own])
     np.testing.assert_allclose(likelihood.log_ratio[:, own, own], truth.log_ratio[:, own, own])
@@ -92,8 +94,8 @@ def test_a_mirrored_detection_is_recognised(
 
 def test_without_sides_nothing_is_mirrored(expected: Expected, points_px: np.ndarray, rig: CameraRig) -> None:
     as_detected = Likelihood.of(expected, points_px, rig)
-    _, mirrored = as_detected.mirrored_where_better(expected, points_px, rig, np.arange(points_px.shape[2]))
-    assert not mirrored.any()
+    _, sides = as_detected.mirrored_where_better(expected, points_px, rig, np.arange(points_px.shape[2]))
+    assert not sides.any()
 
 
 def test_missing_joints_tell_nothing(expected: Expected, points_px: np.ndarray, rig: CameraRig) -> None:

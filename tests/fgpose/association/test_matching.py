@@ -25,8 +25,8 @@ FITS, DOES_NOT = 8.0, -8.0
 def matched(log_ratio: np.ndarray, exists: list[float] | None = None, mirrored: np.ndarray | None = None) -> Matches:
     """Of log ratios (C, K, P, J)."""
     likelihood = Likelihood(log_ratio.astype(float))
-    mirrored = np.zeros(log_ratio.shape[:3], dtype=bool) if mirrored is None else mirrored
-    return match(likelihood, mirrored, np.array(exists or [1.0] * log_ratio.shape[1]), MIRROR)
+    sides = np.zeros(log_ratio.shape[:3], dtype=int) if mirrored is None else mirrored.astype(int)
+    return match(likelihood, sides, np.array(exists or [1.0] * log_ratio.shape[1]), MIRROR)
 
 
 def grouped(n_people: int) -> np.ndarray:
@@ -198,7 +198,7 @@ def test_who_pass_each_other_in_one_view_are_told_apart_by_the_others(
     rig, (true_m, people) = ring_rig(3), passing
     moment = moment_of(rig, [list(true_m)] * 3, np.random.default_rng(0))
     expected = people.seen_by(rig, moment.times_s)
-    none, there = np.zeros((3, 2, 2), dtype=bool), np.ones(2)
+    none, there = np.zeros((3, 2, 2), dtype=int), np.ones(2)
     np.testing.assert_array_equal(
         match(moment.likelihood(expected), none, there, skeleton.mirror).chosen, [[1, 0], [0, 1], [0, 1]]
     )
