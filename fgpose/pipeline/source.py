@@ -19,7 +19,6 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import load_trajectory
 from fgpose.observations import Observations
-from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.skeleton import BoneLengths
@@ -86,7 +85,7 @@ class Source(Generic[Recording]):
         people = seen if isinstance(seen, PeopleObservations) else PeopleObservations.of_one(seen)
         return Source(self.rig, people, self.origin, self.chosen, self.succession)
 
-    def one_or_all(self, config: TrackingConfig | None = None) -> AnySource:
+    def one_or_all(self) -> AnySource:
         """Everybody where an image shows more than one, or where somebody comes after somebody else has gone; else the
         one who is there."""
         people = self.observations
@@ -94,7 +93,7 @@ class Source(Generic[Recording]):
             if people.n_most > 1:
                 return self
             people = people.of_person(people.only())
-        succession = successive(self.observations, self.rig, config)
+        succession = successive(self.observations, self.rig)
         if succession is not None and succession.n_people > 1:
             return replace(self, observations=succession.association.observations, succession=succession)
         return Source(self.rig, people, self.origin, succession=succession)

@@ -72,9 +72,9 @@ def ramp(colours: Sequence[str], n: int) -> list[str]:
     return [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in mixed.round().astype(int).tolist()]
 
 
-def time_figure(y_label: str, height_px: int = 260, tools: str = "xpan,xbox_zoom,reset,save") -> Figure:
+def time_figure(y_label: str, height_px: int = 260) -> Figure:
     """A figure over the time of the recording."""
-    plot = plain_figure("time / s", y_label, height_px, tools)
+    plot = plain_figure("time / s", y_label, height_px, "xpan,xbox_zoom,reset,save")
     plot.tags = [TIME_AXIS]
     return plot
 

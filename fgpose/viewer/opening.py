@@ -113,10 +113,6 @@ def open_calibration_recording(
     rig: CameraRig,
     skeleton: Skeleton,
     *,
-    up: UpAxis = "+z",
-    image_width_px: int | None = 640,
-    jpeg_quality: int = 80,
-    image_limit_mb: float | None = 1000.0,
     n_frames: int | None = None,
 ) -> CalibrationRecording:
     """Open a recording of a calibration from people; close it, or use it in a ``with`` block.
@@ -132,13 +128,13 @@ def open_calibration_recording(
         ImportError: Rerun is not installed; the message says how to.
         OSError: the file cannot be written.
     """
-    pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
     if path is None:
         return CalibrationRecording()
     with _rerun_needed():
         from fgpose.viewer.rerun.calibration import RerunCalibrationRecording
         from fgpose.viewer.rerun.session import Target
-    return RerunCalibrationRecording(Target(Path(path), None, endless=False), rig, skeleton, up, pictures)
+    pictures = PictureOptions(640, 80, 1000.0, n_frames)
+    return RerunCalibrationRecording(Target(Path(path), None, endless=False), rig, skeleton, "+z", pictures)
 
 
 def open_system_recording(

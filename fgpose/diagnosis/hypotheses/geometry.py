@@ -97,16 +97,6 @@ class Geometry:
         forward = [view.camera.world_T_camera[:3, 2] for view in self.state.scene.views]
         return bool(abs(forward[0] @ forward[1]) < np.cos(np.deg2rad(20)))
 
-    @property
-    def mended(self) -> SearchState:
-        """With what explains a disagreement put right."""
-        if self.explanation is None:
-            return self.state
-        scene = self.state.scene
-        for cause in self.explanation.causes:
-            scene = cause.mend(scene)
-        return SearchState(scene)
-
 
 def examine(scene: Scene, time_s: Float[np.ndarray, " frame"]) -> Geometry:
     """Of a recording of one person.

@@ -205,11 +205,6 @@ class ClockModel:
         """Seconds by which Unix time gains on the stamps, per second."""
         return self._drift if self._segment is None else self._segment.drift
 
-    @property
-    def excess_s(self) -> float:
-        """By how much an image is later than the fastest, on average."""
-        return 0.0 if self._segment is None else self._segment.excess_s
-
     def _note_wall_jump(self, before: Stamp | None, stamp: Stamp) -> None:
         """The camera's own time may be set while its stamps go on."""
         if before is None or before.wall_s is None or stamp.wall_s is None:
@@ -257,7 +252,7 @@ class _Segment:
         """Of the fastest images of all these seconds, those on their lower hull."""
         self._recent: list[tuple[float, float]] = []
         self.drift, self._mean_x, self._height = drift, 0.0, 0.0
-        self.sigma_s, self.excess_s = _FIRST_SIGMA_S, 0.0
+        self.sigma_s = _FIRST_SIGMA_S
 
     @property
     def duration_s(self) -> float:
@@ -301,7 +296,7 @@ class _Segment:
         self.drift, self._height = envelope_line(
             np.concatenate([self._hull, recent]), mean_x, n / mean_excess, self._expected_drift, self._drift_sigma
         )
-        self._mean_x, self.excess_s = mean_x, max(mean_y - self._height, 0.0)
+        self._mean_x = mean_x
         points = np.concatenate([self._buckets[:, 3:], recent])
         above = points[:, 1] - self._height - self.drift * (points[:, 0] - mean_x)
         if len(above) >= _N_LOWEST:

@@ -9,7 +9,7 @@ Letter = TypeVar("Letter")
 
 
 class Mailbox(Generic[Letter]):
-    """Holds the newest of what is put into it; what nobody took before is overwritten and counted.
+    """Holds the newest of what is put into it; what nobody took before is overwritten.
 
     Args:
         changed: notified when something is put in. Mailboxes that share one can be waited for together.
@@ -17,12 +17,10 @@ class Mailbox(Generic[Letter]):
 
     def __init__(self, changed: threading.Condition | None = None) -> None:
         self.changed = changed or threading.Condition()
-        self.n_overwritten = 0
         self._letter: Letter | None = None
 
     def put(self, letter: Letter) -> None:
         with self.changed:
-            self.n_overwritten += self._letter is not None
             self._letter = letter
             self.changed.notify_all()
 
