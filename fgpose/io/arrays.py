@@ -5,14 +5,15 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 
 from fgpose.io.atomic import write_bytes
-from fgpose.io.content import read_content
+from fgpose.io.content import damage, read_content
 from fgpose.plain_files import check_expansion, max_file_bytes, open_plain
 
 Kind = Literal["numbers", "whole numbers", "truth values", "texts"]
@@ -40,30 +41,28 @@ def read_arrays(path: Path, only: Collection[str] | None = None) -> dict[str, np
 
 def unpack_arrays(stream: io.BufferedIOBase, only: Collection[str] | None = None) -> dict[str, np.ndarray]:
     """As read_arrays, of an open file."""
-    try:
+    with damage("a damaged npz"):
         return _read_archive(stream, only)
-    # zipfile, zlib and NumPy raise a dozen kinds of exceptions on damage, depending on the byte that is wrong.
-    except Exception as error:
-        raise ValueError(f"a damaged npz: {str(error) or type(error).__name__}") from None
 
 
 def read_array(path: Path) -> np.ndarray:
     """The array of an npy, without pickles, its size compared as by read_arrays. Raises as that does."""
     content = io.BytesIO(read_content(path, max_file_bytes()))
-    try:
+    with damage("a damaged npy"):
         return _read_array(path.stem, content, len(content.getvalue()))
-    except Exception as error:  # as below
-        raise ValueError(f"a damaged npy: {str(error) or type(error).__name__}") from None
 
 
 def array_names(path: Path) -> set[str]:
     """Names of the arrays of an npz, whose numbers are not read. Raises as read_arrays does."""
-    with open_plain(path) as stream:
-        try:
-            with zipfile.ZipFile(stream) as archive:
-                return {_array_name(member) for member in archive.infolist() if _is_array(member)}
-        except Exception as error:  # as above
-            raise ValueError(f"a damaged npz: {str(error) or type(error).__name__}") from None
+    with opened_archive(path) as archive:
+        return {_array_name(member) for member in archive.infolist() if _is_array(member)}
+
+
+@contextmanager
+def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
+    """An npz with all of its members. What goes wrong with it in the block is raised as read_arrays does."""
+    with open_plain(path) as stream, damage("a damaged npz"), zipfile.ZipFile(stream) as archive:
+        yield archive
 
 
 def _read_archive(stream: io.BufferedIOBase, only: Collection[str] | None) -> dict[str, np.ndarray]:

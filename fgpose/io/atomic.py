@@ -10,6 +10,7 @@ import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 _TEMPORARY = re.compile(r"\.fgpose-[0-9a-f]{8}(\..*)?")
 
@@ -171,8 +172,8 @@ def write_bytes(path: Path, content: bytes) -> None:
     Raises:
         OSError: it cannot be written; the message names it.
     """
-    with replacing(path, has_size(len(content))) as temporary:
-        temporary.write_bytes(content)
+    with writing(path) as file:
+        file.write(content)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -182,22 +183,21 @@ def write_text(path: Path, text: str) -> None:
 
 def write_lines(path: Path, lines: Iterable[str]) -> None:
     """Replace a file by these lines in UTF-8, which are written as they come. Raises OSError as write_bytes does."""
+    with writing(path) as file:
+        for line in lines:
+            file.write(f"{line}\n".encode())
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[BinaryIO]:
+    """A file to write into, which replaces that at the path once the block has ended well; as replacing does."""
     n_bytes = 0
 
     def check(temporary: Path) -> None:
-        has_size(n_bytes)(temporary)
-
-    with replacing(path, check) as temporary, temporary.open("wb") as file:
-        for line in lines:
-            n_bytes += file.write(f"{line}\n".encode())
-
-
-def has_size(n_bytes: int) -> Check:
-    """Of a file that must have so many bytes."""
-
-    def check(path: Path) -> None:
-        found = path.stat().st_size
+        found = temporary.stat().st_size
         if found != n_bytes:
             raise ValueError(f"{found} of {n_bytes} bytes")
 
-    return check
+    with replacing(path, check) as temporary, temporary.open("wb") as file:
+        yield file
+        n_bytes = file.tell()

@@ -10,6 +10,7 @@ import os
 import types
 import typing
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,23 @@ def last_bytes(path: Path, n_bytes: int) -> bytes:
     with naming(path), open_plain(path) as file:
         file.seek(max(0, os.fstat(file.fileno()).st_size - n_bytes))
         return file.read(n_bytes)
+
+
+@contextmanager
+def damage(said: str) -> Iterator[None]:
+    """Whatever is raised meanwhile is said as damage: zipfile, zlib, NumPy and MessagePack raise a dozen kinds of
+    exceptions, depending on the byte that is wrong.
+
+    Args:
+        said: before the reason: "a damaged npz".
+
+    Raises:
+        ValueError: there was one; the caller names the file.
+    """
+    try:
+        yield
+    except Exception as error:
+        raise ValueError(f"{said}: {str(error) or type(error).__name__}") from None
 
 
 def converted(kind: Any, value: Any, name: str) -> Any:

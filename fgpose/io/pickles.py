@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import io
 import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any, Literal
@@ -193,13 +195,8 @@ def read_dictionary(path: Path) -> dict[str, Any]:
             and plain values. The message names the file.
         OSError: it cannot be opened.
     """
-    with open_plain(path) as file:
-        try:
-            content = _read(file)
-        except pickle.UnpicklingError as error:
-            raise ValueError(f"{path}: not safe to load, or damaged: {error}") from None
-        except _DAMAGE as error:
-            raise ValueError(f"{path}: not a readable .npy file of a dictionary: {error}") from None
+    with open_plain(path) as file, _damage("a readable .npy file of a dictionary", f"{path}: "):
+        content = _read(file)
     if not isinstance(content, dict):
         raise ValueError(f"{path}: a dictionary saved with np.save is needed, it holds {type(content).__name__}")
     return content
@@ -215,33 +212,32 @@ def unpickled(content: bytes, storage: StorageOf | None = None) -> Any:
     Raises:
         ValueError: it is no pickle, is damaged, or wants more than arrays, tensors and plain values.
     """
-    try:
+    with _damage("a readable pickle"):
         return _resolved(_Unpickler(io.BytesIO(content), storage).load())
-    except pickle.UnpicklingError as error:
-        raise ValueError(f"not safe to load, or damaged: {error}") from None
-    except _DAMAGE as error:
-        raise ValueError(f"not a readable pickle: {error}") from None
 
 
 def unpickled_stream(content: bytes) -> Any:
     """What a file holds that torch wrote before version 1.6; as unpickled."""
-    try:
+    with _damage("a readable file of torch"):
         return _resolved(_torch_stream(content))
-    except pickle.UnpicklingError as error:
-        raise ValueError(f"not safe to load, or damaged: {error}") from None
-    except _DAMAGE as error:
-        raise ValueError(f"not a readable file of torch: {error}") from None
 
 
 def unpickled_npy(content: bytes) -> Any:
     """What np.save made of a dictionary or a list of them, alone or in an npz: plain values and arrays. Raises as
     unpickled."""
-    try:
+    with _damage("a readable array of objects"):
         return _read(io.BytesIO(content), any_shape=True)
+
+
+@contextmanager
+def _damage(instead_of: str, file: str = "") -> Iterator[None]:
+    """Unpickling: what is refused or damaged is a ValueError, after the name of the file if it is given."""
+    try:
+        yield
     except pickle.UnpicklingError as error:
-        raise ValueError(f"not safe to load, or damaged: {error}") from None
+        raise ValueError(f"{file}not safe to load, or damaged: {error}") from None
     except _DAMAGE as error:
-        raise ValueError(f"not a readable array of objects: {error}") from None
+        raise ValueError(f"{file}not {instead_of}: {error}") from None
 
 
 def _read(file: io.BufferedIOBase, any_shape: bool = False) -> Any:

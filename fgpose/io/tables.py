@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.io.atomic import has_size, replacing
+from fgpose.io.atomic import writing
 from fgpose.plain_files import check_expansion, open_plain
 from fgpose.skeleton import CONTROL
 
@@ -180,16 +180,12 @@ def write_row_groups(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) 
     """The same of a table that is made part by part, so that it need not be in memory: each is a group of rows."""
     import pyarrow.parquet as pq
 
-    n_bytes = 0
-
-    def check(written: Path) -> None:
-        has_size(n_bytes)(written)
-
-    with replacing(path, check) as temporary, temporary.open("wb") as stream:
-        with pq.ParquetWriter(stream, schema, compression="zstd", write_page_checksum=True) as writer:
-            for table in tables:
-                writer.write_table(table)
-        n_bytes = stream.tell()
+    with (
+        writing(path) as file,
+        pq.ParquetWriter(file, schema, compression="zstd", write_page_checksum=True) as writer,
+    ):
+        for table in tables:
+            writer.write_table(table)
 
 
 def write_csv(path: Path, tables: Iterable[pa.Table]) -> None:
@@ -209,17 +205,10 @@ def write_csv(path: Path, tables: Iterable[pa.Table]) -> None:
     csv: Any = pyarrow.csv  # whose stubs do not know its writer
     parts = map(_as_cells, tables)
     first = next(parts)
-    n_bytes = 0
-
-    def check(written: Path) -> None:
-        has_size(n_bytes)(written)
-
-    with replacing(path, check) as temporary, temporary.open("wb") as stream:
-        options = csv.WriteOptions(quoting_style="needed")
-        with csv.CSVWriter(stream, first.schema, write_options=options) as writer:
-            for table in chain([first], parts):
-                writer.write_table(table)
-        n_bytes = stream.tell()
+    options = csv.WriteOptions(quoting_style="needed")
+    with writing(path) as file, csv.CSVWriter(file, first.schema, write_options=options) as writer:
+        for table in chain([first], parts):
+            writer.write_table(table)
 
 
 def _as_cells(table: pa.Table) -> pa.Table:

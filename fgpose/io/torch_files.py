@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
-from fgpose.io.content import read_content
+from fgpose.io.content import damage, read_content
 from fgpose.io.pickles import unpickled, unpickled_stream
 from fgpose.io.tensors import Storage, stated_storage
 from fgpose.plain_files import check_expansion, max_file_bytes
@@ -27,14 +27,10 @@ def read_torch(path: Path) -> Any:
 
 
 def _of_archive(content: bytes) -> Any:
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            sizes = {member.filename: member.file_size for member in archive.infolist()}
-            check_expansion(sum(sizes.values()), len(content))
-            members = {name: archive.read(name) for name in sizes if _is_needed(name)}
-    # zipfile and zlib raise a dozen kinds of exceptions on damage, depending on the byte that is wrong.
-    except Exception as error:
-        raise ValueError(f"a damaged file of torch: {str(error) or type(error).__name__}") from None
+    with damage("a damaged file of torch"), zipfile.ZipFile(io.BytesIO(content)) as archive:
+        sizes = {member.filename: member.file_size for member in archive.infolist()}
+        check_expansion(sum(sizes.values()), len(content))
+        members = {name: archive.read(name) for name in sizes if _is_needed(name)}
     tables = [name for name in members if name.endswith("/data.pkl") and name.count("/") == 1]
     if len(tables) != 1:
         raise ValueError("not a file of torch.save: it has no data.pkl")

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from fgpose.io.content import damage
+
 _ARRAY_KEYS = {"shape", "dtype", "data"}
 _DTYPES = ("<f4", "<f8", "<i8", "|u1")
 
@@ -29,11 +31,8 @@ def unpacked(body: bytes | memoryview) -> Any:
         ImportError: MessagePack is not installed.
     """
     msgpack = _msgpack()
-    try:
+    with damage("not a MessagePack document"):
         return msgpack.unpackb(body, object_hook=_map_as_array)
-    # msgpack raises half a dozen kinds of exceptions on damage, depending on the byte that is wrong.
-    except Exception as error:
-        raise ValueError(f"not a MessagePack document: {str(error) or type(error).__name__}") from None
 
 
 def _msgpack() -> Any:

@@ -3,19 +3,17 @@ run."""
 
 from __future__ import annotations
 
-import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fgpose.io.arrays import array_names, read_arrays
+from fgpose.io.arrays import array_names, opened_archive, read_arrays
 from fgpose.io.content import first_bytes, parse_json, read_content
 from fgpose.io.pickles import unpickled, unpickled_npy
 from fgpose.io.torch_files import read_torch
-from fgpose.plain_files import check_expansion, max_file_bytes, open_plain
+from fgpose.plain_files import check_expansion, max_file_bytes
 
 _PICKLES, _TORCH = (".pkl", ".pickle"), (".pt", ".pth")
 # How names of other programs end, beside keypoints: OpenCap's cameras, what DeepLabCut leaves beside its tables.
@@ -106,27 +104,16 @@ def _refusal(world: str) -> str:
     )
 
 
-@contextmanager
-def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    """An npz. zipfile and zlib raise a dozen kinds of exceptions on damage, here all ValueError."""
-    with open_plain(path) as stream:
-        try:
-            with zipfile.ZipFile(stream) as archive:
-                yield archive
-        except Exception as error:
-            raise ValueError(f"a damaged npz: {str(error) or type(error).__name__}") from None
-
-
 def _objects(path: Path) -> list[str]:
     """Members of an npz that are no plain arrays."""
-    with _archive(path) as archive:
+    with opened_archive(path) as archive:
         members = [member.filename for member in archive.infolist() if member.filename.endswith(".npy")]
         return [name for name in members if _OBJECTS in archive.open(name).read(_HEADER_BYTES)]
 
 
 def _read_objects(path: Path) -> Any:
     names, of_bytes = _objects(path), path.stat().st_size
-    with _archive(path) as archive:
+    with opened_archive(path) as archive:
         check_expansion(sum(archive.getinfo(name).file_size for name in names), of_bytes)
         contents = {name.removesuffix(".npy"): archive.read(name) for name in names}
     return {name: unpickled_npy(content) for name, content in contents.items()}

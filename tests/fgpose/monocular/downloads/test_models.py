@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import resource
 import sys
 from collections.abc import Iterator
@@ -214,13 +215,11 @@ def test_ctrl_c_leaves_nothing_half_written(model: Model, registry: Registry, ca
 def test_ctrl_c_while_a_file_is_written(
     model: Model, registry: Registry, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write = Path.write_bytes
-
-    def half(path: Path, content: bytes) -> int:
-        write(path, content[: len(content) // 2])
+    def half(file: int) -> None:
+        os.ftruncate(file, os.fstat(file).st_size // 2)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Path, "write_bytes", half)
+    monkeypatch.setattr(os, "fsync", half)
     with pytest.raises(KeyboardInterrupt):
         model.pull(download=registry.download)
     assert not contents(cache)
