@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -163,7 +163,7 @@ def print_board_calibration(console: Console, result: CalibratedFromBoards, writ
     from fgpose.pipeline.board_report import board_rows, board_summary
     from fgpose.pipeline.calibration_report import verdict
 
-    _print_rows(console, result.rig.names, board_rows(result))
+    console.print(new_table("", *result.rig.names, rows=board_rows(result)))
     for line in (*board_summary(result), *verdict(result.findings, result.grade)):
         console.print(line)
     print_written(console, *written)
@@ -176,14 +176,7 @@ def print_board_lenses(console: Console, results: Sequence[CalibratedFromBoards]
     from fgpose.pipeline.calibration_report import verdict
 
     findings = tuple(finding for result in results for finding in result.findings)
-    _print_rows(console, [name for result in results for name in result.rig.names], lens_rows(results))
+    console.print(new_table("", *(name for result in results for name in result.rig.names), rows=lens_rows(results)))
     for line in verdict(findings, worst_grade(findings)):
         console.print(line)
     print_written(console, *written)
-
-
-def _print_rows(console: Console, names: Sequence[str], rows: Mapping[str, Sequence[str]]) -> None:
-    table = new_table("", *names)
-    for quantity, values in rows.items():
-        table.add_row(quantity, *values)
-    console.print(table)

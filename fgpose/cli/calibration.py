@@ -50,12 +50,11 @@ def _save_and_print(
     from fgpose.cli.tables import calibration_table
     from fgpose.io.calibration import CalibrationOrigin, save_rig
 
-    path = outputs.folder / f"{outputs.name}_calibration.toml"
     if origin is None or origin.rig is None:
         written, known = calibration.rig, CalibrationOrigin(step=outputs.step)
     else:
         written, known = origin.rig, replace(origin.calibration, step=outputs.step)
-    save_rig(written, path, origin=known)
+    save_rig(written, outputs.calibration, origin=known)
     console.print(calibration_table(_with_offsets_of(calibration, written), frame_time_s))
     if calibration.refinement is not None:
         console.print(
@@ -67,7 +66,7 @@ def _save_and_print(
         console.print(f"With it, {shares} of the joints in a camera, at most, belong to somebody else.")
     if not calibration.ending.converged:
         console.print(f"The calibration has not converged: {_what_helps(calibration.ending)}.")
-    print_written(console, path)
+    print_written(console, outputs.calibration)
 
 
 def _with_offsets_of(calibration: CameraCalibration, written: CameraRig) -> CameraCalibration:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import timedelta
 from pathlib import Path
@@ -189,12 +189,14 @@ def counting_bar(task: str, unit: str, total: int) -> Iterator[Callable[[object]
         yield advance
 
 
-def new_table(*headings: str) -> Table:
-    """An empty table: text in the first column, numbers in the others."""
+def new_table(*headings: str, rows: Mapping[str, Iterable[str]] | None = None) -> Table:
+    """A table of text in the first column and numbers in the others: empty, or with these rows by their first cells."""
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column(headings[0])
     for heading in headings[1:]:
         table.add_column(heading, justify="right")
+    for label, cells in (rows or {}).items():
+        table.add_row(label, *cells)
     return table
 
 

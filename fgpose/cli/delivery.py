@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fgpose.cli.console import new_console
+from fgpose.cli.console import new_console, progress_bar
 from fgpose.cli.tables import print_result
 from fgpose.cli.viewers import wait_for_viewers
 from fgpose.finding import Code, Severity
-from fgpose.pipeline import Display, OutputError, Outputs, Result, show, write_outputs
+from fgpose.pipeline import AnySource, Display, OutputError, Outputs, Result, run_smooth, show, write_outputs
 from fgpose.pipeline.diagnosed import diagnosed, looked_at
 from fgpose.sampling import frames_per_second
 from fgpose.viewer import Recording
@@ -22,6 +22,7 @@ from fgpose.viewer import Recording
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.config import Config
     from fgpose.diagnosis.diagnose import Diagnosis
     from fgpose.geometry.camera import CameraRig
     from fgpose.people_observations import PeopleObservations
@@ -108,6 +109,18 @@ def windows_kept(outputs: Outputs) -> Iterator[None]:
             kept_in = f"{windows} solved {'is' if n_kept == 1 else 'are'} kept in {outputs.unfinished}"
             error.add_note(f"{kept_in}; the same command goes on from there")
         raise
+
+
+def smoothed(source: AnySource, config: Config, outputs: Outputs) -> Result:
+    """run_smooth, compared and kept as the outputs need it, with a progress bar."""
+    with progress_bar("smoothing") as progress:
+        return run_smooth(
+            source,
+            config,
+            progress,
+            compare=outputs.compared_every(source.observations.frame_time_s),
+            unfinished=outputs.unfinished,
+        )
 
 
 def _windows(outputs: Outputs) -> set[Path]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
+from fgpose.plain_files import naming
 from fgpose.shown.unknown_names import check_names
 
 if TYPE_CHECKING:
@@ -88,7 +89,10 @@ class FromPeopleOptions:
         if self.focal_px is not None and not self.focal_px > 0:
             raise ValueError(f"--focal-px must be positive, got {self.focal_px:g}")
         if self.height is not None:
-            _check_height(self.height)
+            from fgpose.calibration.from_people.world.scale import check_stature
+
+            with naming("--height"):
+                check_stature(self.height)
         for a, b, distance_m in self.distance:
             if a == b:
                 raise ValueError(f"--distance {a} {b}: two different cameras are needed")
@@ -206,15 +210,6 @@ def _alike(intrinsics: CameraRig, focal: Focal) -> str:
     return f"{alike}, as their images have the same size"
 
 
-def _check_height(height_m: float) -> None:
-    from fgpose.calibration.from_people.world.scale import check_stature
-
-    try:
-        check_stature(height_m)
-    except ValueError as error:
-        raise ValueError(f"--height: {error}") from None
-
-
 def parse_size(text: str) -> tuple[int, int]:
     """Width and height from 1920x1080. Raises ValueError for anything else."""
     match = re.fullmatch(r"\s*(\d{2,5})\s*[xX×]\s*(\d{2,5})\s*", text)
@@ -236,10 +231,8 @@ def print_calibrated(
     from fgpose.pipeline.calibration_report import bumped_rows, bumped_summary, camera_rows, summary, verdict
 
     is_bumped = isinstance(result, BumpedRig)
-    table = new_table("", *result.rig.names)
-    for quantity, values in (bumped_rows(result) if is_bumped else camera_rows(result)).items():
-        table.add_row(quantity, *values)
-    console.print(table)
+    rows = bumped_rows(result) if is_bumped else camera_rows(result)
+    console.print(new_table("", *result.rig.names, rows=rows))
     lines = [bumped_summary(result)] if is_bumped else summary(result)
     for line in (*lines, *verdict(result.findings, result.grade)):
         console.print(line)

@@ -19,7 +19,7 @@ from fgpose.io.trajectories.result_table import numbered
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline import AnySource, Result
-from fgpose.sampling import frames_per_second
+from fgpose.sampling import frames_per_second, stretches
 from fgpose.trajectory import Status, Trajectory
 
 _MAX_LISTED = 5
@@ -109,9 +109,8 @@ def absence_lines(trajectory: Trajectory) -> list[str]:
     """When nobody is there, if that is ever so."""
     if not trajectory.absent.any():
         return []
-    edges = np.flatnonzero(np.diff(trajectory.absent, prepend=False, append=False)).reshape(-1, 2)
     time_s = trajectory.time_s
-    spans = [f"{time_s[begin]:.2f} to {time_s[end - 1]:.2f} s" for begin, end in edges.tolist()]
+    spans = [f"{time_s[begin]:.2f} to {time_s[end - 1]:.2f} s" for begin, end in stretches(trajectory.absent)]
     share = 100 * trajectory.absent.mean()
     return [f"{share:.0f} % of the frames are empty in the files, as the person is away: {_first_of(spans)}"]
 
@@ -177,7 +176,6 @@ def calibration_table(calibration: CameraCalibration, frame_time_s: np.ndarray) 
     """How far each camera was moved, how well it is known now, its error before and after, and its time offset with its
     standard deviation, also in frames of the recording (T,)."""
     refinement, offsets = calibration.refinement, calibration.time_offsets
-    table = new_table("calibration", *calibration.rig.names)
     rows: dict[str, tuple[np.ndarray, int]] = {}
     if refinement is not None:
         rows |= {
@@ -196,22 +194,22 @@ def calibration_table(calibration: CameraCalibration, frame_time_s: np.ndarray) 
             "taken later [frames]": (fps * offsets.offsets_s, 2),
             "standard deviation [frames]": (fps * offsets.sigma_s, 2),
         }
+    cells = {name: [f"{value:.{digits}f}" for value in values] for name, (values, digits) in rows.items()}
+    table = new_table("calibration", *calibration.rig.names, rows=cells)
+    if offsets is not None:
         table.caption = (
             "taken later: how much later than their times the images were taken (negative: earlier), relative to the "
             "first camera"
         )
         table.caption_justify = "left"
-    for name, (values, digits) in rows.items():
-        table.add_row(name, *(f"{value:.{digits}f}" for value in values))
     return table
 
 
 def latency_table(update_ms: np.ndarray) -> Table:
     """Percentiles of the time that an update takes."""
-    table = new_table("", "median", "90 %", "99 %", "max")
-    quantiles = np.percentile(update_ms, (50, 90, 99, 100))
-    table.add_row("update of the online estimator [ms]", *(f"{value:.1f}" for value in quantiles))
-    return table
+    quantiles = [f"{value:.1f}" for value in np.percentile(update_ms, (50, 90, 99, 100))]
+    rows = {"update of the online estimator [ms]": quantiles}
+    return new_table("", "median", "90 %", "99 %", "max", rows=rows)
 
 
 def _row(table: Table, label: str, trajectories: list[Trajectory], value: Callable[[Trajectory], float]) -> None:

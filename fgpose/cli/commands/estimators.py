@@ -69,22 +69,13 @@ class Smooth(OverTimeOptions):
     step: ClassVar[str] = "smooth"
 
     def run(self) -> int:
-        from fgpose.cli.delivery import deliver, windows_kept
+        from fgpose.cli.delivery import deliver, smoothed, windows_kept
         from fgpose.cli.viewers import live_viewer
-        from fgpose.pipeline import run_smooth
 
         outputs = self.checked_outputs("smoothed")
         source = self.load()
         with windows_kept(outputs), live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
-            with progress_bar("smoothing") as progress:
-                result = run_smooth(
-                    source,
-                    self.parameters,
-                    progress,
-                    compare=outputs.compared_every(source.observations.frame_time_s),
-                    unfinished=outputs.unfinished,
-                )
-            return deliver(result, outputs, viewer, strict=self.strict)
+            return deliver(smoothed(source, self.parameters, outputs), outputs, viewer, strict=self.strict)
 
 
 @dataclass(frozen=True, kw_only=True)

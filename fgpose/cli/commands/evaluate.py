@@ -79,23 +79,20 @@ def print_evaluation(console: Console, evaluation: Evaluation) -> None:
 
 
 def _evaluation_table(evaluation: Evaluation) -> Table:
-    rows: list[tuple[str, float]] = [
-        ("MPJPE, absolute [mm]", evaluation.mpjpe_absolute_mm),
-        ("MPJPE, relative to the root [mm]", evaluation.mpjpe_relative_mm),
-        ("PA-MPJPE, after Procrustes alignment [mm]", evaluation.pa_mpjpe_mm),
-        ("PCK, absolute errors up to 150 mm [%]", 100 * evaluation.pck),
-        ("acceleration error [m/s^2]", evaluation.acceleration_error_mps2),
-        ("jitter of the estimate [m/s^3]", evaluation.jitter_estimate_mps3),
-        ("jitter of the reference [m/s^3]", evaluation.jitter_reference_mps3),
-    ]
+    rows: dict[str, float] = {
+        "MPJPE, absolute [mm]": evaluation.mpjpe_absolute_mm,
+        "MPJPE, relative to the root [mm]": evaluation.mpjpe_relative_mm,
+        "PA-MPJPE, after Procrustes alignment [mm]": evaluation.pa_mpjpe_mm,
+        "PCK, absolute errors up to 150 mm [%]": 100 * evaluation.pck,
+        "acceleration error [m/s^2]": evaluation.acceleration_error_mps2,
+        "jitter of the estimate [m/s^3]": evaluation.jitter_estimate_mps3,
+        "jitter of the reference [m/s^3]": evaluation.jitter_reference_mps3,
+    }
     if evaluation.nees is not None:
-        rows.append(("NEES (3 where the covariance is right)", evaluation.nees))
+        rows["NEES (3 where the covariance is right)"] = evaluation.nees
     if evaluation.coverage_95 is not None:
-        rows.append(("inside the 95 % ellipsoids [%]", 100 * evaluation.coverage_95))
-    table = new_table("", "value")
-    for label, value in rows:
-        table.add_row(label, number(value))
-    return table
+        rows["inside the 95 % ellipsoids [%]"] = 100 * evaluation.coverage_95
+    return new_table("", "value", rows={label: [number(value)] for label, value in rows.items()})
 
 
 def print_people_evaluation(
@@ -125,7 +122,6 @@ def print_people_evaluation(
 
 
 def _people_evaluation_table(evaluation: PeopleEvaluation, final: PeopleEvaluation | None) -> Table:
-    table = new_table("", "value")
     rows: dict[str, float] = {
         "recall [%]": 100 * evaluation.recall,
         "precision [%]": 100 * evaluation.precision,
@@ -147,6 +143,5 @@ def _people_evaluation_table(evaluation: PeopleEvaluation, final: PeopleEvaluati
         "false tracks": len(evaluation.false_tracks_s),
         "longest false track [s]": max(evaluation.false_tracks_s, default=np.nan),
     }
-    for label, value in rows.items():
-        table.add_row(label, str(value) if isinstance(value, int) else number(value))
-    return table
+    cells = {label: [str(value) if isinstance(value, int) else number(value)] for label, value in rows.items()}
+    return new_table("", "value", rows=cells)

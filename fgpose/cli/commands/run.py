@@ -13,7 +13,7 @@ from fgpose.cli.calibration import calibrated
 from fgpose.cli.commands.calibrate import FAILED
 from fgpose.cli.commands.detect import VideoOptions
 from fgpose.cli.commands.view import Overlay
-from fgpose.cli.console import new_console, progress_bar
+from fgpose.cli.console import new_console
 from fgpose.cli.from_people import FromPeopleOptions, print_calibrated
 from fgpose.cli.options import ParameterOptions
 from fgpose.cli.pictures import show_images, show_walk_images
@@ -85,9 +85,9 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         return self.sources_of(find_clips(self.videos, fps=self.fps, cameras=self.cameras), self.frames)
 
     def run(self) -> int:
-        from fgpose.cli.delivery import deliver, windows_kept
+        from fgpose.cli.delivery import deliver, smoothed, windows_kept
         from fgpose.cli.viewers import live_viewer
-        from fgpose.pipeline import run_smooth, show
+        from fgpose.pipeline import show
 
         self.check_cameras()
         if self.calibrate and self.world_up not in ("auto", "z", "+z"):
@@ -116,14 +116,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
                 show_images(detected, result.origin.rig, result.frame_time_s, recording)
 
         with windows_kept(outputs), live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
-            with progress_bar("smoothing") as progress:
-                result = run_smooth(
-                    source,
-                    self.parameters,
-                    progress,
-                    compare=outputs.compared_every(source.observations.frame_time_s),
-                    unfinished=outputs.unfinished,
-                )
+            result = smoothed(source, self.parameters, outputs)
             finish = partial(self._draw_overlay, result, outputs) if self.overlay else lambda: None
             return deliver(result, outputs, viewer, show_all, strict=self.strict, finish=finish)
 

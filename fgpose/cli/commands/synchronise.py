@@ -66,9 +66,9 @@ class Synchronise(KeypointOptions):
 
 
 def _table(found: Synchronised) -> Table:
-
-    table = new_table("synchronisation", *found.rig.names)
     begun_s = found.rig.time_offsets_s - found.rig.time_offsets_s[0]
-    table.add_row("began later than the first [s]", *(f"{value:.3f}" for value in begun_s))
-    table.add_row("standard deviation [ms]", *(f"{1000 * value:.1f}" for value in found.sigma_s))
-    return table
+    rows = {
+        "began later than the first [s]": [f"{value:.3f}" for value in begun_s],
+        "standard deviation [ms]": [f"{1000 * value:.1f}" for value in found.sigma_s],
+    }
+    return new_table("synchronisation", *found.rig.names, rows=rows)

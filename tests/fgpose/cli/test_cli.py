@@ -18,7 +18,7 @@ import pytest
 from rrd_contents import rows
 from scipy.interpolate import CubicSpline
 
-from fgpose.cli import app, main, viewers
+from fgpose.cli import app, delivery, main, viewers
 from fgpose.cli.calibration import calibrated
 from fgpose.cli.commands import estimators, view
 from fgpose.cli.console import new_console, new_table
@@ -348,7 +348,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
         yield progress
 
     with monkeypatch.context() as patched:
-        patched.setattr(estimators, "progress_bar", interrupted)
+        patched.setattr(delivery, "progress_bar", interrupted)
         assert main(["smooth", *source, "--output", str(tmp_path / "out"), *windows]) == 130
     kept = tmp_path / "out" / ".walk_unfinished"
     said = f"fgpose: interrupted; 2 windows that are solved are kept in {kept}; the same command goes on from there\n"
@@ -636,7 +636,7 @@ def test_ctrl_c_leaves_what_was_there(
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fgpose.pipeline.run_smooth", interrupted)
+    monkeypatch.setattr(delivery, "run_smooth", interrupted)
     (tmp_path / "walk.rrd").write_bytes(b"made by fgpose smooth before")
     options = ["--live", "--port", "0"] if live else []
     assert main(["smooth", *source, "--output", str(tmp_path), *options]) == 130
