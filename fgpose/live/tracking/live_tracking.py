@@ -18,10 +18,9 @@ from fgpose.live.cameras.frozen_keypoints import are_same
 from fgpose.live.frame import CameraStatus, LiveFrame, LiveJudgement, LivePerson, Restarts
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.agreement import CameraAgreement
-from fgpose.live.tracking.known import Known, KnownCamera
+from fgpose.live.tracking.known import Known, KnownCamera, UsualAge
 from fgpose.live.tracking.moments import Moments
 from fgpose.live.tracking.observed import ObservedVolume
-from fgpose.live.tracking.usual_age import UsualAge
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.tracking import Tracker
