@@ -18,6 +18,7 @@ from fgpose.live.cameras.reader import HANGS, CameraReader
 from fgpose.live.cameras.rig_file import LiveRig
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraStatus
+from fgpose.live.processes.closing import Closing, all_at_once
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import Worker
 from fgpose.live.sources import ImageSource, SourceError, open_source
@@ -27,7 +28,7 @@ from fgpose.live.sources.playback import Playback
 _LOOKS_S = 0.2
 
 
-class LiveCameras:
+class LiveCameras(Closing):
     """The cameras of a rig: ``with LiveCameras(load_live_rig(path), clock) as cameras`` reads them.
 
     All sources are opened before any is read, so that what is wrong with them is known before any work is done. A
@@ -110,18 +111,11 @@ class LiveCameras:
     def close(self) -> None:
         """Stop reading; what hangs is left behind."""
         self._watcher.close()
-        stops = [threading.Thread(target=reader.stop) for reader in self._readers]
-        for stop in stops:
-            stop.start()
-        for stop in stops:
-            stop.join()
+        all_at_once(reader.stop for reader in self._readers)
 
     def __enter__(self) -> LiveCameras:
         self.start()
         return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _watch(self) -> None:
         while not self._watcher.stopped.wait(_LOOKS_S):

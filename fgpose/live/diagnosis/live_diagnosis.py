@@ -16,6 +16,7 @@ from fgpose.live.diagnosis.diagnosis_process import Diagnose, DiagnosisJob, Diag
 from fgpose.live.diagnosis.recent import KEPT_S, Movements, RecentDetections
 from fgpose.live.diagnosis.told_live import changes, told_live
 from fgpose.live.frame import CameraStatus, LiveFrame, LiveJudgement
+from fgpose.live.processes.closing import Closing
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.priority import threads_give_way
 from fgpose.live.processes.worker import Worker
@@ -42,7 +43,7 @@ _KNOWN_SIGMA_S = 0.03
 _NOBODY = "nobody was seen to move yet"
 
 
-class LiveDiagnosis:
+class LiveDiagnosis(Closing):
     """Looks at the detections of the last minute as ``fgpose info`` does at a recording, in a process that gives way to
     all others, and says what it finds. A process that ends, hangs or raises is begun again later, which is said.
 
@@ -101,12 +102,6 @@ class LiveDiagnosis:
         if (process := self._process) is not None:
             process.kill()
         self._worker.close()
-
-    def __enter__(self) -> LiveDiagnosis:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _run(self) -> None:
         while not self._worker.stopped.wait(_LOOKS_S):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
@@ -21,6 +20,7 @@ from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraStatus, Restarts
 from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened, SmallPicture
 from fgpose.live.processes.camera_process import CameraProcess
+from fgpose.live.processes.closing import Closing, all_at_once
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.pending_detections import PendingDetections
 from fgpose.monocular.network import Network
@@ -30,7 +30,7 @@ ELSEWHERE = "zmq"
 """The source of cameras whose keypoints are received."""
 
 
-class CameraFeed:
+class CameraFeed(Closing):
     """The cameras of a rig, read from now on, and what networks find in their images. It is a Feed.
 
     All sources are opened before any is read, so that what is wrong with them is known before any work is done. A
@@ -134,17 +134,7 @@ class CameraFeed:
 
     def close(self) -> None:
         """End the processes. Closing again does nothing."""
-        closing = [threading.Thread(target=process.close) for process in self._processes]
-        for thread in closing:
-            thread.start()
-        for thread in closing:
-            thread.join()
-
-    def __enter__(self) -> CameraFeed:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        all_at_once(process.close for process in self._processes)
 
     def _hear(self, message: Any) -> None:
         if isinstance(message, RecordedImage):

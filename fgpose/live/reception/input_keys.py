@@ -6,6 +6,7 @@ import stat
 from pathlib import Path
 from typing import Any
 
+from fgpose.live.processes.closing import Closing
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import HANGS_S, Worker
 from fgpose.live.reception.zmq_sockets import load_zmq
@@ -18,7 +19,7 @@ _ADDRESS, _VERSION = "inproc://zeromq.zap.01", b"1.0"
 _POLL_MS = 100
 
 
-class InputKeys:
+class InputKeys(Closing):
     """Lets nobody connect to some sockets who has none of the known keys. While its thread is not there, nobody can.
 
     There is one in a process.
@@ -63,12 +64,6 @@ class InputKeys:
         if not self._socket.closed:
             self._socket.unbind(_ADDRESS)  # at once: closing does it at some time
         self._socket.close(linger=0)
-
-    def __enter__(self) -> InputKeys:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _run(self) -> None:
         while not self._worker.stopped.is_set():

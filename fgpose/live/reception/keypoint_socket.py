@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Collection, Mapping
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.live.processes.closing import Closing
 from fgpose.live.reception.input_keys import InputKeys
 from fgpose.live.reception.keypoint_checks import ArrivedDetections, KeypointChecks
 from fgpose.live.reception.rejections import MessageError, Rejected, Rejections
@@ -21,7 +22,7 @@ _MAX_NETWORK_BYTES = 16 << 20
 _MAX_WAITING = 256
 
 
-class KeypointSocket:
+class KeypointSocket(Closing):
     """Receives keypoints. It reads from one thread.
 
     Args:
@@ -129,12 +130,6 @@ class KeypointSocket:
             self._socket.disable_monitor()
             self._events.close(linger=0)
         self._socket.close(linger=0)
-
-    def __enter__(self) -> KeypointSocket:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _refused_events() -> int:

@@ -21,6 +21,7 @@ from fgpose.io.live.recordings import RecordedImage, images_document, start_docu
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.frame_messages import frame_document
 from fgpose.live.outputs.output import OutputState
+from fgpose.live.processes.closing import Closing
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import HANGS_S, Worker
 from fgpose.skeleton import Skeleton
@@ -38,7 +39,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _SYNCED_EVERY_S = 1.0
 
 
-class Recorder:
+class Recorder(Closing):
     """Writes what the tracker is given and what is published, record by record, from a thread of its own.
 
     Every record is with the operating system as soon as it is written, so that a kill costs only those that wait: none
@@ -113,12 +114,6 @@ class Recorder:
             self._failed(TimeoutError(f"the disk has not taken the rest within {_CLOSE_S:.0f} s"))
             with self._changed:
                 self._n_ever_lost += len(self._waiting)
-
-    def __enter__(self) -> Recorder:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _put(self, document: dict[str, Any]) -> None:
         with self._changed:
