@@ -25,6 +25,7 @@ _GAP_S, _NEAR_S = 0.25, 0.02
 _WAITS_S = 1.0
 # Frames of this time are kept, and some pictures that wait for theirs.
 _KEPT_S, _N_WAITING = 2.0, 8
+_SIZE_PX = 480  # of a small one, the longer side
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,16 @@ class PictureWithPeople:
     moment_s: float = np.nan
     """The same as calibration and motion correct it: the people are those of then."""
     people: tuple[LivePerson, ...] = ()
+
+
+def small_picture(picture_rgb: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "small_height small_width 3"]:
+    """As large as a page or a viewer shows it: at most 480 pixels wide and high."""
+    import cv2
+
+    height, width = picture_rgb.shape[:2]
+    scale = min(1.0, _SIZE_PX / max(height, width))
+    size_px = max(1, round(scale * width)), max(1, round(scale * height))
+    return cv2.resize(picture_rgb, size_px, interpolation=cv2.INTER_AREA)
 
 
 class PicturesWithPeople:

@@ -20,31 +20,31 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
 from fgpose.child_process import StoppedTwice, is_stopped
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import LiveFrame
 from fgpose.live.link_distance import LinkDistance
-from fgpose.live.page.drawn_pictures import drawn_jpeg
 from fgpose.live.page.page_server import STATIC
 from fgpose.live.page.page_state import PageState
-from fgpose.live.pictures_with_people import PicturesWithPeople
+from fgpose.live.pictures_with_people import PicturesWithPeople, PictureWithPeople, small_picture
+from fgpose.live.processes.closing import Closing
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import PartEndedError, Worker
-from fgpose.overlay.drawing import Drawing
+from fgpose.overlay.drawing import Drawing, Pose
 from fgpose.skeleton import Skeleton
 
 _STATE = "/state.json"
+_JPEG_QUALITY = 70
 _ENDS_WITHIN_S = 2.0
 # Whether the server is stopped is looked at so often.
 _LOOKS_S = 0.2
 
 
-class StatusPage:
+class StatusPage(Closing):
     """The page, served until it is closed.
 
     Args:
@@ -140,14 +140,6 @@ class StatusPage:
             self._worker.close(0.1)
         self._listening.close()
 
-    def __enter__(self) -> StatusPage:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
     def _start(self) -> tuple[subprocess.Popen[bytes], Connection]:
         own, other = socket.socketpair()
         numbers = self._listening.fileno(), other.fileno()
@@ -206,6 +198,18 @@ def _send(connection: Connection, path: str, body: bytes) -> None:
 
 def _picture_path(camera: str) -> str:
     return f"/camera/{camera}.jpg"
+
+
+def drawn_jpeg(picture: PictureWithPeople, camera: Camera, drawing: Drawing) -> bytes:
+    """A JPEG of a picture, at most 480 pixels wide and high, with its people."""
+    import cv2
+
+    small = small_picture(picture.image_rgb)
+    for person in picture.people:
+        pose = Pose(person.person, person.positions_m, person.status, None)
+        drawing.add(small, camera, pose, small.shape[1] / camera.size_px[0])
+    bgr = cv2.cvtColor(small, cv2.COLOR_RGB2BGR)
+    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -15,6 +15,7 @@ from jaxtyping import UInt8
 from fgpose.child_process import parent
 from fgpose.live.cameras.running import LiveCameras
 from fgpose.live.clock import Clock
+from fgpose.live.pictures_with_people import small_picture
 from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened, SmallPicture
 from fgpose.live.processes.detectors import Detectors
 from fgpose.live.processes.parts import Parts
@@ -24,8 +25,7 @@ from fgpose.monocular.network import Network
 
 STATUS_S = 0.1
 """Between two messages of how the cameras are."""
-# Pictures to look at are as large as a page or a viewer shows them (the longer side), and a few each second.
-_SIZE_PX = 480
+# Of pictures to look at there are a few each second.
 _INTERVAL_S = 0.3
 
 
@@ -111,12 +111,7 @@ class _ShownPictures:
         if now_s < self._shown_s.get(camera, -np.inf) + _INTERVAL_S:
             return
         self._shown_s[camera] = now_s
-        import cv2
-
-        height, width = picture_rgb.shape[:2]
-        scale = min(1.0, _SIZE_PX / max(height, width))
-        size_px = max(1, round(scale * width)), max(1, round(scale * height))
-        self._show(camera, cv2.resize(picture_rgb, size_px, interpolation=cv2.INTER_AREA), time_s)
+        self._show(camera, small_picture(picture_rgb), time_s)
 
 
 class _Sender(QueueHandler):

@@ -12,7 +12,7 @@ from live_frames import live_frame, live_person, standing_m
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.live.frame import LiveFrame
-from fgpose.live.page.drawn_pictures import drawn_jpeg
+from fgpose.live.page.status_page import drawn_jpeg
 from fgpose.live.pictures_with_people import PicturesWithPeople
 from fgpose.overlay.drawing import Drawing
 from fgpose.skeleton import Skeleton
