@@ -19,6 +19,31 @@ def known_median(values: Float[np.ndarray, "*values"]) -> float:
     return float(np.median(known)) if known.size else np.nan
 
 
+def known_quantile(values: Float[np.ndarray, "*values"], q: float) -> float:
+    """NaN where nothing is known."""
+    known = values[np.isfinite(values)]
+    return float(np.quantile(known, q)) if known.size else np.nan
+
+
+def known_medians(values: Float[np.ndarray, "*values"], axis: int = -1) -> Float[np.ndarray, "*medians"]:
+    """Along an axis; NaN where nothing is known. np.nanmedian takes ten times as long."""
+    lower, upper = _middle(values, axis)
+    return np.where(np.isfinite(lower), (lower + upper) / 2, np.nan)
+
+
+def lower_medians(values: Float[np.ndarray, "*values"], axis: int = -1) -> Float[np.ndarray, "*medians"]:
+    """The same, but always one of the values: of an even number the lower of both in the middle."""
+    lower, _ = _middle(values, axis)
+    return np.where(np.isfinite(lower), lower, np.nan)
+
+
+def _middle(values: Float[np.ndarray, "*values"], axis: int) -> Float[np.ndarray, "2 ..."]:
+    """The lower and the upper of the values in the middle; not finite where nothing is known."""
+    ordered, n_known = np.sort(values, axis=axis), np.isfinite(values).sum(axis=axis, keepdims=True)
+    middle = np.maximum(n_known - 1, 0) // 2, n_known // 2
+    return np.stack([np.take_along_axis(ordered, at, axis=axis).squeeze(axis) for at in middle])
+
+
 def weighted_median(values: Float[np.ndarray, " value"], weights: Float[np.ndarray, " value"]) -> float:
     order = np.argsort(values)
     cumulated = np.cumsum(weights[order])

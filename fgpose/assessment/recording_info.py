@@ -18,6 +18,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 from fgpose.sampling import frames_per_second, spread_evenly
+from fgpose_factors.robust_statistics import known_quantile
 
 # See CameraRig.in_own_px. At 20, as the estimator has it, one of eight turned cameras of real recordings is taken for
 # its neighbour.
@@ -156,19 +157,14 @@ def _camera_info(
     return CameraInfo(
         name=rig.names[c],
         share_seen=float(seen.mean()),
-        confidence=_quantile(np.where(seen, observations.confidence[:, c], np.nan), 0.5),
-        residual_px=_quantile(residual_px, 0.5),
-        residual_q90_px=_quantile(residual_px, 0.9),
+        confidence=known_quantile(np.where(seen, observations.confidence[:, c], np.nan), 0.5),
+        residual_px=known_quantile(residual_px, 0.5),
+        residual_q90_px=known_quantile(residual_px, 0.9),
         left_out_px=left_out.error_px(),
         constant_px=float(np.linalg.norm(left_out.constant_px)),
         share_swapped=_share_swapped(left_out, observations.skeleton.left_right, least_apart_px),
-        distance_m=_quantile(np.linalg.norm(positions_m - rig.cameras[c].position_m, axis=-1), 0.5),
+        distance_m=known_quantile(np.linalg.norm(positions_m - rig.cameras[c].position_m, axis=-1), 0.5),
     )
-
-
-def _quantile(values: Float[np.ndarray, "*shape"], q: float) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.quantile(known, q)) if known.size else np.nan
 
 
 def _suspected_calibration(cameras: tuple[CameraInfo, ...], rig: CameraRig) -> str | None:
@@ -218,7 +214,7 @@ def _person_size_m(positions_m: Float[np.ndarray, "frame joint 3"]) -> float:
     known = np.isfinite(positions_m)
     low = np.where(known, positions_m, np.inf).min(axis=1)
     high = np.where(known, positions_m, -np.inf).max(axis=1)
-    return _quantile(np.linalg.norm(high - low, axis=-1), 0.5)
+    return known_quantile(np.linalg.norm(high - low, axis=-1), 0.5)
 
 
 def _implausible(cameras: tuple[CameraInfo, ...], size_m: float) -> tuple[str, ...]:

@@ -8,11 +8,12 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.from_people.calibrated import Grade, by_remedy
 from fgpose.diagnosis.body.joint_names import in_words_by_part, limb_of
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import SAMPLES, USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
+from fgpose.diagnosis.series import SAMPLES, USUAL_ERROR_M, camera_medians, errors_m, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.geometry.triangulation import parallaxes_deg
 from fgpose.sampling import spread_evenly, usual_step_s
+from fgpose_factors.robust_statistics import known_quantile
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
 _DISAGREES_RATIO, _MORE_THAN_USUAL = 2.0, 1.5

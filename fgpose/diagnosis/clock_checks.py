@@ -11,12 +11,12 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import ProjectionConfig
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import known_quantile
 from fgpose.estimation.online.clock_offsets import offset_information
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import usual_step_s
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import known_quantile
 
 # Errors of detections are correlated over about 0.15 s: blocks of a second are independent of each other.
 _BLOCK_S = 1.0

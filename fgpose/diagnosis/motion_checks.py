@@ -8,10 +8,11 @@ from jaxtyping import Bool, Float
 from fgpose.association.identity.exchange import Settled
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.finished import FinishedRecording, of_each_person
-from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
+from fgpose.diagnosis.series import root_speed_mps, sigma_m
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import stretches
 from fgpose.trajectory import Status, Trajectory
+from fgpose_factors.robust_statistics import known_quantile
 
 # As fgpose info lists them. A gap in which the joint becomes three times as uncertain as usual is one that harms.
 _GAP_S, _GAP_SIGMAS = 0.5, 3.0

@@ -9,18 +9,12 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import parts_of, spread_evenly
 from fgpose.trajectory import Trajectory
-from fgpose_factors.robust_statistics import MEDIAN_LENGTH
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH, known_quantile
 
 USUAL_ERROR_M = 0.018 * MEDIAN_LENGTH
 """Median of networks on people whom they see (VisibilityConfig.sigma_m)."""
 SAMPLES = 200
 """Frames; a median needs no more."""
-
-
-def known_quantile(values: Float[np.ndarray, "*shape"], q: float) -> float:
-    """Of the values that are not NaN; NaN if there is none."""
-    known = values[np.isfinite(values)]
-    return float(np.quantile(known, q)) if known.size else np.nan
 
 
 def camera_medians(values: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:

@@ -6,22 +6,13 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording, of_each_person
-from fgpose.diagnosis.series import (
-    SAMPLES,
-    USUAL_ERROR_M,
-    camera_medians,
-    errors_m,
-    known_quantile,
-    root_m,
-    sigma_m,
-    together_px,
-)
+from fgpose.diagnosis.series import SAMPLES, USUAL_ERROR_M, camera_medians, errors_m, root_m, sigma_m, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.field_of_view import in_views
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
-from fgpose_factors.robust_statistics import MEDIAN_LENGTH
+from fgpose_factors.robust_statistics import MEDIAN_LENGTH, known_quantile
 
 # Less is somebody who comes and goes. Where it is not often, the covariances say enough.
 _OUTSIDE_SHARE, _OFTEN_OUTSIDE = 0.05, 0.2

@@ -14,10 +14,11 @@ import numpy as np
 
 from fgpose.diagnosis.diagnose import diagnose_finished
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
+from fgpose.diagnosis.series import root_speed_mps, sigma_m
 from fgpose.finding import Finding
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
+from fgpose_factors.robust_statistics import known_quantile
 
 _CAMERAS, _DETECTIONS, _RESIDUALS, _COVARIANCES = "cameras", "detections", "reprojection errors", "covariances"
 _BESIDE_MOTION = {_CAMERAS, _DETECTIONS, _RESIDUALS, _COVARIANCES}

@@ -11,12 +11,11 @@ from urllib.parse import quote
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.series import known_quantile
 from fgpose.io.atomic import write_text
 from fgpose.report.blocks import Block, Plot, Section, Table, TableCell, number
 from fgpose.report.page import KeyFigure, Page, html
 from fgpose.report.plots import COLOURS, legend_below, models, plain_figure
-from fgpose_factors.robust_statistics import robust_sigma
+from fgpose_factors.robust_statistics import known_quantile, robust_sigma
 
 MEASURES = {
     "seen_share": -1,

@@ -26,6 +26,7 @@ from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.sampling import nearest, usual_step_s
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import lower_medians
 
 
 def used_detections(
@@ -154,7 +155,7 @@ class _Candidates:
         joints, and this difference. It is zero up to the bias of the detector, which the result is free of."""
         own_px = np.linalg.norm(self.undistorted_px[image] - expected_px[:, None], axis=-1)
         wanted_px = np.zeros(1) if error_px is None else error_px[:, None]
-        misfit_px = _medians(np.abs(own_px - wanted_px))
+        misfit_px = np.nan_to_num(lower_medians(np.abs(own_px - wanted_px)), nan=np.inf)
         best = np.argmin(misfit_px, axis=1)
         rows = np.arange(len(image))
         seen = self.seen[image, best]
@@ -162,11 +163,3 @@ class _Candidates:
         seen = np.where(used[..., None], seen, (np.nan, np.nan, 0.0))
         seen[..., 2] = np.nan_to_num(seen[..., 2])
         return seen, misfit_px[rows, best]
-
-
-def _medians(values: Float[np.ndarray, "*shape joint"]) -> Float[np.ndarray, "*shape"]:
-    """Of those that are known; inf where none is."""
-    ordered = np.sort(values, axis=-1)
-    middle = np.maximum(np.isfinite(values).sum(axis=-1) - 1, 0) // 2
-    found = np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
-    return np.where(np.isfinite(found), found, np.inf)

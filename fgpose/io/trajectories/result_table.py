@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from fgpose.io.tables import COVARIANCE_COLUMNS, nullable
 from fgpose.kinematics.quantities import Quantities
 from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.trajectory import Status, Trajectory
+from fgpose_factors.robust_statistics import known_medians
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -137,15 +137,8 @@ def _residual_columns(trajectory: Trajectory) -> dict[str, pa.Array]:
         return {"n_views": _flat(nothing).cast(pa.int32()), "reprojection_px": _flat(nothing)}
     return {
         "n_views": pa.array(np.isfinite(residual_px).sum(axis=1, dtype=np.int32).ravel()),
-        "reprojection_px": _flat(_median_over_cameras(residual_px)),
+        "reprojection_px": _flat(known_medians(residual_px, axis=1)),
     }
-
-
-def _median_over_cameras(residual_px: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, "frame joint"]:
-    with warnings.catch_warnings():
-        # The median of nothing is NaN, as it should be, with a warning.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return np.nanmedian(residual_px, axis=1)
 
 
 def _flat(values: Float[np.ndarray, "frame joint"]) -> pa.Array:

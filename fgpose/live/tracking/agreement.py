@@ -22,6 +22,7 @@ from fgpose.live.tracking.motion_lags import EVERY_S, MotionLags
 from fgpose.live.tracking.nobody_followed import NobodyFollowed
 from fgpose.live.tracking.seen_twice import SeenTwice
 from fgpose.people_observations import Detections
+from fgpose_factors.robust_statistics import known_medians
 
 _LOG = logging.getLogger("fgpose.live")
 # Errors of detections are correlated over less.
@@ -157,9 +158,9 @@ class CameraAgreement:
         known = np.isfinite(self._all_mrad).sum(axis=0) >= _FEWEST
         if known.sum() < 2:
             return
-        all_mrad = np.where(known, _medians(self._all_mrad), np.nan)
+        all_mrad = np.where(known, known_medians(self._all_mrad, axis=0), np.nan)
         enough = np.isfinite(self._without_mrad).sum(axis=0) >= _FEWEST
-        without_mrad = np.where(enough, _medians(self._without_mrad), np.nan)
+        without_mrad = np.where(enough, known_medians(self._without_mrad, axis=0), np.nan)
         found = disagreement(all_mrad, without_mrad, _OVER_SHARE if self._lasting else 1.0)
         is_unclear = found is not None and found.camera is None
         self._n_unclear = self._n_unclear + 1 if is_unclear else 0
@@ -204,11 +205,3 @@ class _Work:
     seen: list[int]
     """Cameras that see the person."""
     sighting: CommonSighting
-
-
-def _medians(angles: Float[np.ndarray, "row *left_out camera"]) -> Float[np.ndarray, "*left_out camera"]:
-    """Over the rows, of what is known; NaN where nothing is."""
-    # np.nanmedian takes a millisecond for so few.
-    in_order, n_known = np.sort(angles, axis=0), np.isfinite(angles).sum(axis=0)
-    middle = [np.take_along_axis(in_order, n[None], axis=0)[0] for n in (np.maximum(n_known - 1, 0) // 2, n_known // 2)]
-    return np.where(n_known > 0, np.mean(middle, axis=0), np.nan)

@@ -18,6 +18,7 @@ from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate
 from fgpose.live.tracking.common_sightings import CommonSighting
+from fgpose_factors.robust_statistics import lower_medians
 
 # Looks four times a second: what is wrong is said within two seconds.
 EVERY_S = 0.25
@@ -101,7 +102,7 @@ class MotionLags:
             ],
             axis=1,
         )
-        left_mrad = _median(np.where(others[..., None], mrad, np.nan).reshape(len(others), -1))
+        left_mrad = lower_medians(np.where(others[..., None], mrad, np.nan).reshape(len(others), -1))
         return _Look(sighting.instant_s, sighting.undistorted_px, sighting.confidence, without_m, left_mrad)
 
     def _beside_mrad(
@@ -152,7 +153,7 @@ class MotionLags:
         share = ((wanted_s - at_s[before]) / np.diff(at_s)[before])[..., None, None]
         there_m = (1 - share) * positions_m[before] + share * positions_m[before + 1]
         px, confidence = np.array([look.px[c] for look in path]), np.array([look.confidence[c] for look in path])
-        mrad = _median(self._beside_mrad(c, there_m, px, confidence))
+        mrad = lower_medians(self._beside_mrad(c, there_m, px, confidence))
         is_known = (wanted_s >= at_s[0]) & (wanted_s <= at_s[-1])
         is_new = np.maximum(wanted_s, at_s) >= at_s[-1] - _NEWEST_S
         return np.where(is_known & is_new, mrad, np.nan), np.array([look.left_mrad[c] for look in path])
@@ -183,12 +184,6 @@ class _Lag:
 
 def _mean(values: Float[np.ndarray, "lag image"], known: Bool[np.ndarray, "lag image"]) -> Float[np.ndarray, " lag"]:
     return np.where(known, np.nan_to_num(values), 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-
-
-def _median(values: Float[np.ndarray, "*shape joint"]) -> Float[np.ndarray, "*shape"]:
-    """Of what is known; NaN where nothing is."""
-    in_order, n_known = np.sort(values, axis=-1), np.isfinite(values).sum(axis=-1)
-    return np.take_along_axis(in_order, np.maximum(n_known - 1, 0)[..., None] // 2, axis=-1)[..., 0]
 
 
 def in_words(lag_s: float, others: Sequence[str]) -> str:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import known_quantile
 from fgpose.report.blocks import Block, Folded, Note, Plot, Section, Table, TableCell, number
 from fgpose.report.plots import lines
 from fgpose.report.sections.people import of_people
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import known_quantile
 
 if TYPE_CHECKING:
     from fgpose.kinematics.angles import JointAngles

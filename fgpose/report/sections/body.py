@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import known_quantile, quantile_of_frames, sigma_m
+from fgpose.diagnosis.series import quantile_of_frames, sigma_m
 from fgpose.diagnosis.solution_checks import sigma_ratio
 from fgpose.report.blocks import Block, Folded, Note, Section, Table, TableCell, number
 from fgpose.report.plots import heat_map, lines
@@ -14,6 +14,7 @@ from fgpose.report.sections.cameras import span_text
 from fgpose.report.sections.people import of_everybody, of_people
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import known_quantile
 
 NO_COVARIANCE = (
     "The result has no covariance: estimate it with --uncertainty.covariance, and save it as parquet or npz."

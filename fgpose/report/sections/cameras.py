@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import known_quantile, quantile_of_frames, root_m, together_px
+from fgpose.diagnosis.series import quantile_of_frames, root_m, together_px
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.field_of_view import in_views
 from fgpose.report.blocks import Block, Folded, Note, Plot, Section, Table, TableCell, number, percent
@@ -27,6 +27,7 @@ from fgpose.report.sections.calibration import verdict
 from fgpose.report.sections.people import of_everybody, of_people
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import known_quantile
 
 _HEIGHT_PX = 420
 _PLAN = (0, 1)  # axes of the floor

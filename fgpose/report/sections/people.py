@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
+from fgpose.diagnosis.series import root_m, sigma_m
 from fgpose.report.blocks import Block, Folded, Note, OfPerson, Plot, Section, Table, TableCell, number, percent
 from fgpose.report.plots import COLOURS, MAX_COLUMNS, models, time_figure
 from fgpose.sampling import stretches
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import known_quantile
 
 _AT_MOST_PEOPLE = 6
 # Of all people's figures over time: with them the page of a minute stays below 5 MB.

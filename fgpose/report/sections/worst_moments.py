@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import camera_medians, known_quantile, sigma_m
+from fgpose.diagnosis.series import camera_medians, sigma_m
 from fgpose.sampling import usual_step_s
 from fgpose.trajectory import Trajectory
+from fgpose_factors.robust_statistics import known_quantile, lower_medians
 
 _AT_MOST = 5
 # Two moments are further apart than this share of the recording, or than this time where that is longer: else all five
@@ -188,11 +189,8 @@ def _median_px(trajectory: Trajectory) -> Float[np.ndarray, "frame camera"]:
     residual_px = trajectory.residual_px
     if residual_px is None:
         return np.full((trajectory.n_frames, 0), np.nan)
-    ordered = np.sort(residual_px, axis=-1)
     n_seen = np.isfinite(residual_px).sum(axis=-1)
-    middle = np.maximum(n_seen - 1, 0) // 2
-    median_px = np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
-    return np.where(n_seen >= _n_worst(trajectory), median_px, np.nan)
+    return np.where(n_seen >= _n_worst(trajectory), lower_medians(residual_px), np.nan)
 
 
 def _error_px(trajectory: Trajectory) -> Float[np.ndarray, "frame joint"]:

@@ -29,9 +29,9 @@ from fgpose.viewer.rerun.scene import (
     log_body_styles,
     log_cameras,
     log_line,
-    median_of_known,
     over_joints_m,
 )
+from fgpose_factors.robust_statistics import known_medians
 
 # Smaller than those of one person: people are smaller in the images, and may hide each other.
 _DETECTION_RADIUS = rr.Radius.ui_points(2.5)
@@ -305,7 +305,7 @@ def person_rows(
     texts = [f"{person}" if seen else f"{person} predicted" for seen in is_seen]
     yield Rows(paths.label(name), rr.Points3D, known.astype(int), {"positions": label_m[known], "labels": texts})
     if trajectory.residual_px is not None:
-        error_px = median_of_known(trajectory.residual_px.reshape(trajectory.n_frames, -1))
+        error_px = known_medians(trajectory.residual_px.reshape(trajectory.n_frames, -1))
         yield scalar_rows(paths.join(paths.REPROJECTION_PX, name), error_px)
 
 

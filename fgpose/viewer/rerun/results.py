@@ -25,9 +25,9 @@ from fgpose.viewer.rerun.scene import (
     log_cameras,
     log_legend,
     log_line,
-    median_of_known,
     over_joints_m,
 )
+from fgpose_factors.robust_statistics import known_medians
 
 # Of Rerun's annotations; cameras and results follow, see _log_annotations.
 _DETECTION_CLASS = 0
@@ -157,7 +157,7 @@ def trajectory_rows(
         yield Rows(paths.label(name), rr.Points3D, known.astype(int), fields)
     if trajectory.residual_px is not None:
         for camera, residual_px in zip(rig.names, trajectory.residual_px.swapaxes(0, 1), strict=True):
-            yield scalar_rows(paths.join(paths.REPROJECTION_PX, name, camera), median_of_known(residual_px))
+            yield scalar_rows(paths.join(paths.REPROJECTION_PX, name, camera), known_medians(residual_px))
     for limb, sides in zip(paths.limb_names(skeleton), skeleton.limb_pairs, strict=True):
         for side, (a, b) in zip(("left", "right"), sides, strict=True):
             length_m = np.linalg.norm(positions_m[:, a] - positions_m[:, b], axis=-1)

@@ -16,6 +16,7 @@ from fgpose.trajectory import Status, Trajectory
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.palette import Colour, faded
 from fgpose.viewer.rerun.rows import Rows, bone_rows, ellipsoid_rows, point_rows, status_rows
+from fgpose_factors.robust_statistics import known_medians
 
 # Reprojections are smaller, so that a detection below one stays visible.
 _DETECTION_RADIUS = rr.Radius.ui_points(3.5)
@@ -213,7 +214,7 @@ def _radii_m(
 ) -> tuple[Float[np.ndarray, " joint"], Float[np.ndarray, " bone"]]:
     """Of the joints and of the bones, at full thickness."""
     a, b = np.array(bones, dtype=int).reshape(-1, 2).T
-    lengths_m = median_of_known(np.linalg.norm(positions_m[:, a] - positions_m[:, b], axis=-1).T)
+    lengths_m = known_medians(np.linalg.norm(positions_m[:, a] - positions_m[:, b], axis=-1).T)
     lengths_m[lengths_m == 0] = np.nan  # two names of one place
     joint_m = np.full(positions_m.shape[1], _JOINT_RADIUS_M)
     for ends in (a, b):
@@ -230,11 +231,3 @@ def over_joints_m(
     middle_m = np.where(known[..., None], positions_m, 0.0).sum(axis=1) / np.where(count > 0, count, np.nan)
     highest_m = np.where(known, positions_m @ up, -np.inf).max(axis=1, keepdims=True)
     return middle_m + (highest_m + height_m - middle_m @ up[:, None]) * up
-
-
-def median_of_known(values: Float[np.ndarray, "frame joint"]) -> Float[np.ndarray, " frame"]:
-    """Median over the joints; NaN where none is known. Ten times as fast as np.nanmedian on a live frame."""
-    ordered = np.sort(values, axis=-1)
-    count = np.isfinite(values).sum(axis=-1)
-    middle = np.stack([(count - 1) // 2, count // 2], axis=-1).clip(min=0)
-    return np.take_along_axis(ordered, middle, axis=-1).mean(axis=-1)
