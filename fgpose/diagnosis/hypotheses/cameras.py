@@ -14,6 +14,7 @@ from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 from fgpose.finding import Code
 from fgpose.geometry.intrinsics import is_central, with_exchanged_centre, zoomed
+from fgpose.geometry.rigid import pose_of
 from fgpose.sampling import spread_evenly
 
 Pose = Float[np.ndarray, "4 4"]
@@ -29,12 +30,6 @@ class Convention(NamedTuple):
 
     meant: Callable[[Pose], Pose]
     words: str
-
-
-def _joined(R: Float[np.ndarray, "3 3"], position_m: Float[np.ndarray, " 3"]) -> Pose:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = R, position_m
-    return pose
 
 
 def _of_camera_T_world(
@@ -68,14 +63,14 @@ _AS_READ = Convention(lambda pose: pose, "")
 _OF_PLACES = (
     _AS_READ,
     Convention(
-        lambda pose: _joined(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]),
+        lambda pose: pose_of(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]),
         "the poses are stored from the camera to the world, not from the world to the camera",
     ),
     Convention(
-        lambda pose: _joined(pose[:3, :3], -pose[:3, :3].T @ pose[:3, 3]),
+        lambda pose: pose_of(pose[:3, :3], -pose[:3, :3].T @ pose[:3, 3]),
         "what is stored as translation is the position of the camera",
     ),
-    Convention(lambda pose: _joined(pose[:3, :3].T, pose[:3, 3]), "the rotations are stored transposed"),
+    Convention(lambda pose: pose_of(pose[:3, :3].T, pose[:3, 3]), "the rotations are stored transposed"),
     Convention(
         _of_rotation(lambda R: R.T), "the rotations are stored transposed, the translations are as they should be"
     ),

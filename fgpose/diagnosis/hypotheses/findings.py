@@ -15,7 +15,7 @@ from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.consistency import NEAR_M, consistency
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.geometry import Geometry
-from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
+from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, in_words
 from fgpose.diagnosis.hypotheses.images import mirrored_hypotheses
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, Why
 from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation, SearchState
@@ -120,9 +120,9 @@ def _explained(found: Explanation, names: tuple[str, ...]) -> Iterator[Finding]:
         groups.setdefault((cause.code, cause.reason), []).append(cause)
     for (code, reason), causes in groups.items():
         cameras = sorted({c for cause in causes for c in cause.cameras})
-        who = _named(cameras, names)
+        who = in_words(cameras, names)
         if found.rival is not None and _is_of_another(found, code) and len(cameras) == 1:
-            who = f"{who} or of {_named(list(found.rival.cameras), names)} (which of them, the recording does not tell)"
+            who = f"{who} or of {found.rival.named(names)} (which of them, the recording does not tell)"
         yield Finding(
             code,
             Severity.WRONG,
@@ -176,13 +176,9 @@ def _length(length_m: float) -> str:
     return f"{length_m:.1f} m" if length_m >= 1 else f"{max(round(100 * length_m), 1):.0f} cm"
 
 
-def _named(cameras: list[int], names: tuple[str, ...]) -> str:
-    return "all cameras" if len(cameras) == len(names) > 1 else ", ".join(names[c] for c in cameras)
-
-
 def _of_odd(examined: Examined, geometry: Geometry, camera: int, odd: OddCamera) -> Finding:
     name = examined.rig.names[camera]
-    others = _named(list(geometry.agreeing), examined.rig.names)
+    others = in_words(geometry.agreeing, examined.rig.names)
     missed_m = float(geometry.state.medians_m[camera])
     by = f"by {_length(missed_m)} ({_USUAL})" if np.isfinite(missed_m) else "wholly"
     numbers = {"missed_m": missed_m} if np.isfinite(missed_m) else {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
@@ -28,7 +28,12 @@ class Hypothesis:
 
     def named(self, names: tuple[str, ...]) -> str:
         """Whom it is about."""
-        return "all cameras" if len(self.cameras) == len(names) else ", ".join(names[c] for c in self.cameras)
+        return in_words(self.cameras, names)
+
+
+def in_words(cameras: Sequence[int], names: tuple[str, ...]) -> str:
+    """Some of the cameras of these names, or all."""
+    return "all cameras" if len(cameras) == len(names) > 1 else ", ".join(names[c] for c in cameras)
 
 
 def each_view(

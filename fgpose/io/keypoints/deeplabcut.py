@@ -43,8 +43,7 @@ def read(source: Provenance, skeleton: Skeleton) -> CameraDetections:
     with naming(source, "not a table of DeepLabCut", damage=[csv.Error]):
         rows = _rows(source.path)
         start = list(islice(rows, len(_HEADER)))
-        header = _header(start)
-        first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
+        header, first = _header(start)
         people = _columns(skeleton, header, first)
         indices, values = _body(chain(start, rows), len(header), len(header["coords"]), first)
     # One more, for what there is no column of.
@@ -66,9 +65,7 @@ def read(source: Provenance, skeleton: Skeleton) -> CameraDetections:
 def body_parts(source: Provenance) -> tuple[str, ...]:
     """The names of its joints. Raises ValueError as read."""
     with naming(source, "not a table of DeepLabCut", damage=[csv.Error]):
-        rows = _rows(source.path)
-        header = _header(list(islice(rows, len(_HEADER))))
-        first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
+        header, first = _header(list(islice(_rows(source.path), len(_HEADER))))
     return tuple(dict.fromkeys(header["bodyparts"][first:]))
 
 
@@ -79,14 +76,14 @@ def _rows(path: Path) -> Iterator[list[str]]:
     return filter(None, csv.reader(text_lines(content), delimiter=";" if semicolons else ","))
 
 
-def _header(rows: Sequence[list[str]]) -> dict[str, list[str]]:
-    """The rows of the header by their names."""
+def _header(rows: Sequence[list[str]]) -> tuple[dict[str, list[str]], int]:
+    """The rows of the header by their names, and the first column of coordinates."""
     header = {row[0]: row for row in rows if row[0] in _HEADER}
     if not {"bodyparts", "coords"} <= set(header) or not set(header["coords"]) & set(_COORDINATES):
         raise ValueError("it lacks the rows bodyparts and coords")
     if len({len(row) for row in header.values()}) > 1:
         raise ValueError("the rows of its header have different lengths")
-    return header
+    return header, next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
 
 
 def _body(

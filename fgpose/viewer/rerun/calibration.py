@@ -16,12 +16,10 @@ from fgpose.viewer.recording import WALK, CalibrationRecording, CalibrationScene
 from fgpose.viewer.rerun import palette, paths
 from fgpose.viewer.rerun.blueprint import calibration_blueprint
 from fgpose.viewer.rerun.recording import RerunRecording
-from fgpose.viewer.rerun.rows import Rows, scalar_rows
-from fgpose.viewer.rerun.scene import TEXT_LOOK, frustum_m, log_camera_names, log_cameras, log_line
+from fgpose.viewer.rerun.rows import SIGMAS_90, Rows, scalar_rows
+from fgpose.viewer.rerun.scene import TEXT_LOOK, frustum_m, log_camera_names, log_cameras, log_line, pose_and_pinhole
 from fgpose.viewer.rerun.session import Target
 
-# Radius of the ball that holds 90 % of a Gaussian in three dimensions, in standard deviations of one axis.
-_SIGMAS_90 = 2.5003
 _LINE = rr.Radius.ui_points(1.2)
 _VERTICAL_M = 1.0
 _COVERED, _COVERED_ORDER = rr.Radius.ui_points(1.0), 5.0  # below detections
@@ -66,7 +64,7 @@ def _log_sigmas(stream: rr.RecordingStream, rig: CameraRig, position_sigma_m: Fl
     if not known:
         return
     # The sigma is the root of the sum over three axes.
-    radii_m = _SIGMAS_90 * position_sigma_m[known] / np.sqrt(3)
+    radii_m = SIGMAS_90 * position_sigma_m[known] / np.sqrt(3)
     balls = rr.Ellipsoids3D(
         centers=[rig.cameras[c].position_m for c in known],
         half_sizes=np.repeat(radii_m[:, None], 3, axis=1),
@@ -100,15 +98,7 @@ def _log_before(stream: rr.RecordingStream, before: CameraRig, rig: CameraRig, r
     moved = [(old, new) for old, new in pairs if not np.allclose(old.world_T_camera, new.world_T_camera, atol=1e-9)]
     for old, _ in moved:
         entity = paths.join(paths.CAMERAS_BEFORE, old.name)
-        pose = rr.Transform3D(translation=old.position_m, mat3x3=old.world_T_camera[:3, :3])
-        pinhole = rr.Pinhole(
-            image_from_camera=old.K,
-            resolution=old.size_px,
-            camera_xyz=rr.ViewCoordinates.RDF,
-            image_plane_distance=reach_m,
-            color=palette.BEFORE,
-        )
-        stream.log(entity, pose, pinhole, static=True)
+        stream.log(entity, *pose_and_pinhole(old, palette.BEFORE, reach_m), static=True)
     if moved:
         # Of points before the cameras: a camera that was only turned stays in its place.
         ends = [[camera.position_m + reach_m * camera.world_T_camera[:3, 2] for camera in pair] for pair in moved]

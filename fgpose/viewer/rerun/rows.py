@@ -12,8 +12,8 @@ from jaxtyping import Float, Int, UInt8
 from fgpose.trajectory import Status
 from fgpose.viewer.rerun.palette import Colour
 
-# Radius of the ellipsoid that holds 90 % of a Gaussian in three dimensions, in sigmas: sqrt of chi2's quantile.
-_SIGMAS_90 = 2.5003
+SIGMAS_90 = 2.5003
+"""Radius of the ellipsoid that holds 90 % of a Gaussian in three dimensions, in sigmas: sqrt of chi2's quantile."""
 
 TimeKind = Literal["duration", "timestamp"]
 """Seconds since any time, or since 1970."""
@@ -113,7 +113,7 @@ def ellipsoid_rows(
     axes[np.linalg.det(axes) < 0, :, 0] *= -1
     fields = {
         "centers": positions_m[known],
-        "half_sizes": _SIGMAS_90 * np.sqrt(np.maximum(variances_m2, 0.0)),
+        "half_sizes": SIGMAS_90 * np.sqrt(np.maximum(variances_m2, 0.0)),
         "quaternions": _quaternions_xyzw(axes),
     }
     return Rows(path, rr.Ellipsoids3D, known.sum(axis=1), fields)

@@ -106,8 +106,15 @@ def annotation_class(
 
 
 def _log_camera(stream: rr.RecordingStream, camera: Camera, colour: Colour, frustum_m: float) -> None:
-    pose = rr.Transform3D(translation=camera.position_m, mat3x3=camera.world_T_camera[:3, :3])
+    pose, pinhole = pose_and_pinhole(camera, colour, frustum_m)
     stream.log(paths.camera(camera.name), pose, static=True)
+    stream.log(paths.image(camera.name), pinhole, static=True)
+    detections = rr.Points2D.from_fields(radii=_DETECTION_RADIUS, show_labels=False, draw_order=20.0)
+    stream.log(paths.detections(camera.name), detections, static=True)
+
+
+def pose_and_pinhole(camera: Camera, colour: Colour, frustum_m: float) -> tuple[rr.Transform3D, rr.Pinhole]:
+    """Where a camera is, and what it shows, as a frustum of this length."""
     pinhole = rr.Pinhole(
         image_from_camera=camera.K,
         resolution=camera.size_px,
@@ -115,9 +122,7 @@ def _log_camera(stream: rr.RecordingStream, camera: Camera, colour: Colour, frus
         image_plane_distance=frustum_m,
         color=colour,
     )
-    stream.log(paths.image(camera.name), pinhole, static=True)
-    detections = rr.Points2D.from_fields(radii=_DETECTION_RADIUS, show_labels=False, draw_order=20.0)
-    stream.log(paths.detections(camera.name), detections, static=True)
+    return rr.Transform3D(translation=camera.position_m, mat3x3=camera.world_T_camera[:3, :3]), pinhole
 
 
 def log_picture_style(stream: rr.RecordingStream, camera: str, scale: tuple[float, float]) -> None:
