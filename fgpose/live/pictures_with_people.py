@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -141,7 +140,7 @@ class PicturesWithPeople:
         if not is_between:
             return ()
         around_s = times_s[after - 1 : after + 1]
-        earlier, later = (_by_number(self._frames[each].people) for each in (after - 1, after))
+        earlier, later = ({each.person: each for each in self._frames[at].people} for at in (after - 1, after))
         nearer = earlier if moment_s - around_s[0] < around_s[1] - moment_s else later
         people = []
         for number in sorted(earlier.keys() & later.keys()):
@@ -149,7 +148,3 @@ class PicturesWithPeople:
             positions_m = between_images(around_s, both_m, np.array([moment_s]))[0]
             people.append(replace(nearer[number], positions_m=positions_m))
         return tuple(people)
-
-
-def _by_number(people: Sequence[LivePerson]) -> dict[int, LivePerson]:
-    return {person.person: person for person in people}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -102,11 +102,7 @@ def bumped_markdown(bumped: BumpedRig[Any]) -> str:
 def page(said: list[str], lines: list[str], names: Sequence[str], rows: dict[str, list[str]]) -> str:
     table = [f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
     table += [f"| {quantity.strip()} | {' | '.join(values)} |" for quantity, values in rows.items()]
-    return "\n".join([f"**{said[0]}**", "", *said[1:], "", *_spaced(lines), *table])
-
-
-def _spaced(lines: Iterable[str]) -> list[str]:
-    return [each for line in lines for each in (line, "")]
+    return "\n".join([f"**{said[0]}**", "", *said[1:], "", *(each for line in lines for each in (line, "")), *table])
 
 
 def texts(values: np.ndarray, digits: int) -> list[str]:

@@ -95,10 +95,6 @@ class ChainStep:
     """What else changes its result, that is of the recording and in none of its files."""
 
 
-def _detects(study: StudyDescription, recording: Trial) -> bool:
-    return recording.kind == "videos"
-
-
 def _calibrates(study: StudyDescription, recording: Trial) -> bool:
     if study.steps.calibrate == "people":
         # From videos, people calibrate the cameras while they are detected.
@@ -129,7 +125,7 @@ STEPS = (
             s.from_people,
             _filming(s),
         ),
-        _detects,
+        lambda _, recording: recording.kind == "videos",
     ),
     ChainStep(
         "synchronise", find_starts, lambda s: (s.steps.synchronise, _reading(s)), synchronises, after=("detect",)

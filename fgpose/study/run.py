@@ -59,7 +59,11 @@ class Tables:
         if state is not None and status == "done":
             row |= {**state.row, "n_warnings": len(state.warnings), "warnings": "; ".join(state.warnings)}
             row["same_as"] = self._same(state, recording.key)
-            self._parts |= {self._part(recording, name) for name, (step, _) in DATA_SETS.items() if step in state.steps}
+            self._parts |= {
+                part_path(self.study.output / name, recording.subject, recording.session, recording.trial)
+                for name, (step, _) in DATA_SETS.items()
+                if step in state.steps
+            }
         self.rows.append(row | {"source": str(recording.source)})
 
     def write(self) -> Iterator[Path]:
@@ -76,9 +80,6 @@ class Tables:
             for part in parts_of(self.study.output / name):
                 if part not in self._parts:
                     part.unlink(missing_ok=True)
-
-    def _part(self, recording: Trial, data_set: str) -> Path:
-        return part_path(self.study.output / data_set, recording.subject, recording.session, recording.trial)
 
     def _status(self, recording: Trial, state: RecordingState | None) -> tuple[str, str]:
         if recording.problem:
@@ -142,7 +143,8 @@ def run_study(
             does not answer or has gone.
         ImportError: Dask is not installed.
     """
-    plan, events = Plan(study, only), _events(study)
+    plan = Plan(study, only)
+    events = read_events(study.file(study.data.events)) if study.data.events else ()
     n_recordings = plan.counted()
     _check_output(study)
     resources = replace(study.resources, workers=n_workers or study.resources.workers)
@@ -178,10 +180,6 @@ def _note(result: StudyResult, outcome: RecordingOutcome) -> None:
     if outcome.status == "failed":
         name = outcome.recording.key if outcome.recording.trial else str(outcome.recording.source.name)
         result.failures.append((name, outcome.reason))
-
-
-def _events(study: StudyDescription) -> tuple[Event, ...]:
-    return read_events(study.file(study.data.events)) if study.data.events else ()
 
 
 def _put_together(result: StudyResult, plan: Plan, events: tuple[Event, ...]) -> None:

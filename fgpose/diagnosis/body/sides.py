@@ -49,7 +49,8 @@ def exchanged_limbs(examined: Examined) -> list[Finding]:
     scene, skeleton = examined.scene(spread_evenly(examined.main.n_frames, _FRAMES)), examined.main.skeleton
     found: dict[str, int] = {}
     for limbs, joints in LIMBS.items():
-        own = [skeleton.index(joint) for name in joints for joint in _both(name) if joint in skeleton.joints]
+        both = [f"{side}_{name}" for name in joints for side in ("left", "right")]
+        own = [skeleton.index(joint) for joint in both if joint in skeleton.joints]
         camera = _exchanging(scene, np.array(own), skeleton) if own else None
         if camera is not None:
             found[limbs] = camera
@@ -63,10 +64,6 @@ def _may_exchange(geometry: Geometry) -> bool:
     if geometry.explanation is None:
         return geometry.usable
     return all(cause.code is Code.EXCHANGED_SIDES for cause in geometry.explanation.causes)
-
-
-def _both(joint: str) -> tuple[str, str]:
-    return f"left_{joint}", f"right_{joint}"
 
 
 def _exchanging(scene: SynchronousViews, joints: Int[np.ndarray, " joint"], skeleton: Skeleton) -> int | None:

@@ -98,16 +98,12 @@ def pose_hypotheses(scene: SynchronousViews) -> Iterator[Hypothesis]:
                     yield _hypothesis(cameras, [_both(place, axes)] * len(cameras), words)
     for rotations in _read_as_radians(scene):
         words = "the rotation vectors are in degrees, but were taken to be in radians"
-        turned = _hypothesis(everybody, [_of_rotation(_always(R)) for R in rotations], words, _LAST)
+        turned = _hypothesis(everybody, [_of_rotation(lambda _, R=R: R) for R in rotations], words, _LAST)
         yield replace(turned, of_many=True)
 
 
 def _both(place: Convention, axes: Convention) -> Callable[[Pose], Pose]:
     return lambda pose: axes.meant(place.meant(pose))
-
-
-def _always(R: Float[np.ndarray, "3 3"]) -> Callable[[Float[np.ndarray, "3 3"]], Float[np.ndarray, "3 3"]]:
-    return lambda _: R
 
 
 def _hypothesis(

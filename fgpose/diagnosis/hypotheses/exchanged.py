@@ -18,15 +18,11 @@ def exchange_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> It
     if len(cameras) <= _TRY_ALL:
         orders = [order for order in permutations(cameras) if order != cameras]
     else:
-        orders = [_swapped(cameras, a, b) for a, b in combinations(cameras, 2)]
+        orders = [tuple({a: b, b: a}.get(c, c) for c in cameras) for a, b in combinations(cameras, 2)]
         orders += [cameras[shift:] + cameras[:shift] for shift in range(1, len(cameras))]
     for order in orders:
         new = dict(zip(cameras, order, strict=True))
         yield _reordered(scene, tuple(new.get(c, c) for c in same))
-
-
-def _swapped(order: tuple[int, ...], a: int, b: int) -> tuple[int, ...]:
-    return tuple({a: b, b: a}.get(c, c) for c in order)
 
 
 def _reordered(scene: SynchronousViews, order: tuple[int, ...]) -> Hypothesis:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -46,7 +45,8 @@ def low_confidence(examined: Examined) -> list[Finding]:
         return []
     usual = float(np.median(confidence[seen]))
     highest = [
-        np.quantile(own[mask], _THROUGHOUT) if mask.any() else np.nan for own, mask in _of_joints(confidence, seen)
+        np.quantile(own[mask], _THROUGHOUT) if mask.any() else np.nan
+        for own, mask in zip(np.moveaxis(confidence, -1, 0), np.moveaxis(seen, -1, 0), strict=True)
     ]
     skeleton = examined.main.skeleton
     joints = skeleton.joints
@@ -71,10 +71,6 @@ def low_confidence(examined: Examined) -> list[Finding]:
 def _above(level: float) -> float:
     """A threshold that nearly all of these detections are below: in steps of 0.05."""
     return math.ceil(1.3 * level / 0.05) * 0.05
-
-
-def _of_joints(confidence: np.ndarray, seen: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:
-    return ((confidence[..., j], seen[..., j]) for j in range(confidence.shape[-1]))
 
 
 def smoothed_keypoints(examined: Examined) -> list[Finding]:

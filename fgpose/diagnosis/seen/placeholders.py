@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
-from fgpose.observations import Observations
 from fgpose.sampling import spread_evenly
 
 # Of the detections of a joint in one camera. Where most are at one place, that is where the joint is put; the estimator
@@ -46,7 +45,8 @@ class Placeholders:
         sizes_px = (camera.size_px for camera in examined.rig.cameras)
         places = {(0.0, 0.0)}.union(*(_shared(together_px[:, c], size) for c, size in enumerate(sizes_px)))
         by_place = {
-            place: {person: _at(seen, place) for person, seen in examined.people.items()} for place in sorted(places)
+            place: {person: (seen.points2d_px == place).all(axis=-1) for person, seen in examined.people.items()}
+            for place in sorted(places)
         }
         return Placeholders({place: own for place, own in by_place.items() if any(each.any() for each in own.values())})
 
@@ -63,10 +63,6 @@ class Placeholders:
             _finding(place, np.concatenate([own[person] for person in examined.people]), seen, examined)
             for place, own in self.of.items()
         ]
-
-
-def _at(seen: Observations, place: Place) -> Bool[np.ndarray, "frame camera joint"]:
-    return np.asarray((seen.points2d_px == np.array(place)).all(axis=-1))
 
 
 def _shared(points_px: Float[np.ndarray, "frame joint 2"], size_px: tuple[int, int]) -> set[Place]:

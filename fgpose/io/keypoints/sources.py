@@ -46,7 +46,8 @@ def keypoint_sources(path: Path) -> dict[str, Path]:
         )
     sources: dict[str, Path] = {}
     for source in found:
-        name = source.stem if source.parent == path and source.is_file() else _folder_of(source, path).name
+        is_inside = source.parent == path
+        name = source.stem if is_inside and source.is_file() else (source if is_inside else source.parent).name
         if name in sources:
             raise ValueError(
                 f"{source}: camera {name} has a second file beside it, {sources[name].name}; rename or move "
@@ -117,10 +118,6 @@ def _is_of_whole_camera(document: Path) -> bool:
     """By its beginning: a single image has no number."""
     beginning = first_bytes(document, _BEGINNING_BYTES)
     return any(f'"{key}"'.encode() in beginning for key in ("instance_info", "frame_id", "image_id", "poses2d"))
-
-
-def _folder_of(source: Path, path: Path) -> Path:
-    return source if source.parent == path else source.parent
 
 
 def _none_there(path: Path) -> str:

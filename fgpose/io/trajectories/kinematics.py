@@ -151,7 +151,10 @@ def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp
     import pyarrow as pa
 
     frames = frame_numbers(people)
-    tables = [_table(trajectory, person, frames[person], world_up) for person, trajectory in people.items()]
+    tables = [
+        _rows(trajectory.time_s, frames[person], person, _quantities(trajectory, world_up))
+        for person, trajectory in people.items()
+    ]
     if path.suffix.lower() == ".csv":
         write_csv(path, tables)
         return
@@ -168,10 +171,6 @@ def quantities_table(quantities: Quantities) -> pa.Table:
 
 def _sigma(quantities: Quantities) -> Float[np.ndarray, "frame quantity"]:
     return np.full(quantities.value.shape, np.nan) if quantities.sigma is None else quantities.sigma
-
-
-def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"], world_up: WorldUp) -> pa.Table:
-    return _rows(trajectory.time_s, frame, person, _quantities(trajectory, world_up))
 
 
 def _rows(

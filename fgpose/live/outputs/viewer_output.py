@@ -100,7 +100,7 @@ class ViewerOutput(BackgroundOutput):
             file = path if path is None else _numbered(path, next(numbers))
             process = ViewerProcess(ViewerJob(file, rig, skeleton, live, self._port, up))
             self.viewer_url = process.viewer_url
-            self._port = self._port if process.viewer_url is None else _port_of(process.viewer_url)
+            self._port = self._port if process.viewer_url is None else urlsplit(process.viewer_url).port or 0
             return _ViewerSink(process, self._shown) if file is None else _ViewerFileSink(process, self._shown)
 
         name = f"viewer recording {path}" if path is not None else "viewer"
@@ -178,10 +178,6 @@ class _ViewerFileSink(_ViewerSink):
     def send(self, frame: LiveFrame) -> None:
         note, self._note = self._note, ""
         self._process.send(replace(self._shown(frame), note=note))
-
-
-def _port_of(url: str) -> int:
-    return urlsplit(url).port or 0
 
 
 def _numbered(path: Path, number: int) -> Path:

@@ -157,11 +157,11 @@ def _shares(live_rig: LiveRig, n_processes: int) -> list[LiveRig]:
     dealt[0] += fast
     for name in others:
         min(dealt, key=len).append(name)
-    return [_part(live_rig, share) for share in dealt if share]
-
-
-def _part(live_rig: LiveRig, names: Sequence[str]) -> LiveRig:
-    return LiveRig(live_rig.rig.subset(names), {name: live_rig.sources[name] for name in names})
+    return [
+        LiveRig(live_rig.rig.subset(share), {name: live_rig.sources[name] for name in share})
+        for share in dealt
+        if share
+    ]
 
 
 def _opened(processes: Sequence[CameraProcess]) -> list[Opened]:

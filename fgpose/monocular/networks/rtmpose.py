@@ -93,7 +93,7 @@ class SimccNetwork:
     def poses(self, image: Image, boxes: Boxes) -> list[SimccPose]:
         """The people in the boxes of an image, one box at least."""
         crops = [BoxCrop.around(box, self.size) for box in boxes]
-        shown = np.stack([_normalised(crop.of(image)) for crop in crops])
+        shown = np.stack([((crop.of(image) - _MEAN) / _STANDARD_DEVIATION).transpose(2, 0, 1) for crop in crops])
         answers = zip(*self._batches.run({self._input: shown}), strict=True)
         return [self._pose(crop, histograms) for crop, histograms in zip(crops, answers, strict=True)]
 
@@ -139,12 +139,6 @@ class SimccNetwork:
             answers = ", ".join(str(list(shape)) for shape in found)
             raise ValueError(f"{self._path} is another network: expected {expected}, it answers {answers}")
         return n_keypoints
-
-
-def _normalised(
-    crop: UInt8[np.ndarray, "crop_height crop_width 3"],
-) -> Float32[np.ndarray, "3 crop_height crop_width"]:
-    return ((crop - _MEAN) / _STANDARD_DEVIATION).transpose(2, 0, 1)
 
 
 def _peak(
