@@ -46,7 +46,7 @@ class Failed:
     reason: str
 
 
-class DiagnosisProcess:
+class DiagnosisProcess(ChildProcess):
     """Starts the process.
 
     Raises:
@@ -54,11 +54,7 @@ class DiagnosisProcess:
     """
 
     def __init__(self) -> None:
-        self._process = ChildProcess(__name__)
-
-    @property
-    def process_id(self) -> int:
-        return self._process.process_id
+        super().__init__(__name__)
 
     def answer(
         self, job: DiagnosisJob, images: tuple[Detections, ...], wait: Callable[[float], object]
@@ -75,23 +71,14 @@ class DiagnosisProcess:
             TimeoutError: it does not answer, or is stopped.
         """
         try:
-            self._process.write(job, _ANSWERS_WITHIN_S)
+            self.write(job, _ANSWERS_WITHIN_S)
             for first in range(0, len(images), _IMAGES_AT_ONCE):
-                self._process.write(images[first : first + _IMAGES_AT_ONCE], _ANSWERS_WITHIN_S)
+                self.write(images[first : first + _IMAGES_AT_ONCE], _ANSWERS_WITHIN_S)
                 wait(_PAUSE_S)
-            self._process.write(None, _ANSWERS_WITHIN_S)
+            self.write(None, _ANSWERS_WITHIN_S)
         except BrokenPipeError:
             raise EOFError("the process has ended") from None
-        return self._process.read(_ANSWERS_WITHIN_S)
-
-    def kill(self) -> None:
-        """End it at once; from any thread."""
-        self._process.kill()
-
-    def close(self) -> int | None:
-        """Let go of it. Returns the status with which it has ended."""
-        self._process.close()
-        return self._process.status
+        return self.read(_ANSWERS_WITHIN_S)
 
 
 def serve() -> None:

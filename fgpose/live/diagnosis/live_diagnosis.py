@@ -165,7 +165,8 @@ class LiveDiagnosis(Closing):
             process.kill()
             return Failed(str(error))
         except EOFError:
-            return Failed(f"its process ended with status {process.close()}")
+            process.close()
+            return Failed(f"its process ended with status {process.status}")
         finally:
             process.close()
             self._process = None
