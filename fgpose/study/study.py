@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -111,8 +111,28 @@ class Resources:
     machine's memory is divided among its cores."""
 
 
-@dataclass(frozen=True)
-class StudyDescription:
+@dataclass(frozen=True, kw_only=True)
+class _Tables:
+    """The tables of the file."""
+
+    data: Data = Data()
+    steps: StudySteps = StudySteps()
+    detect: DetectionSettings = DetectionSettings()
+    from_people: FromPeople = FromPeople()
+    resources: Resources = Resources()
+    parameters: Config = field(default_factory=Config)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File(_Tables):
+    """The keys of the file."""
+
+    name: str = ""
+    output: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyDescription(_Tables):
     """A study, as its file describes it."""
 
     name: str
@@ -120,12 +140,6 @@ class StudyDescription:
     """Absolute."""
     output: Path
     """Absolute."""
-    data: Data
-    steps: StudySteps = StudySteps()
-    detect: DetectionSettings = DetectionSettings()
-    from_people: FromPeople = FromPeople()
-    resources: Resources = Resources()
-    parameters: Config = field(default_factory=Config)
     base: Path = Path()
     """Folder of the study file, to which its other paths are relative."""
     file_name: str = ""
@@ -137,20 +151,6 @@ class StudyDescription:
     def file(self, text: str) -> Path:
         """A path of the study file."""
         return self.base / text
-
-
-@dataclass(frozen=True)
-class _File:
-    """The keys of the file."""
-
-    name: str = ""
-    output: str = ""
-    data: Data = Data()
-    steps: StudySteps = StudySteps()
-    detect: DetectionSettings = DetectionSettings()
-    from_people: FromPeople = FromPeople()
-    resources: Resources = Resources()
-    parameters: Config = field(default_factory=Config)
 
 
 def load_study(path: str | Path) -> StudyDescription:
@@ -181,14 +181,9 @@ def study_of(table: dict[str, Any], path: Path) -> StudyDescription:
         name=name,
         root=(base / given.data.root).resolve(),
         output=(base / (given.output or f"out/{name}")).absolute(),
-        data=given.data,
-        steps=given.steps,
-        detect=given.detect,
-        from_people=given.from_people,
-        resources=given.resources,
-        parameters=given.parameters,
         base=base,
         file_name=path.name,
+        **{table.name: getattr(given, table.name) for table in fields(_Tables)},
     )
 
 
