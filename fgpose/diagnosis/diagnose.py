@@ -28,7 +28,7 @@ from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.gravity_checks import wrong_falls
 from fgpose.diagnosis.hypotheses.findings import disagreements
-from fgpose.diagnosis.input_checks import off_centre, repaired, unusual_steps
+from fgpose.diagnosis.input_checks import causes_of_unfollowed, off_centre, repaired, unusual_steps
 from fgpose.diagnosis.motion_checks import (
     contradicted,
     gaps,
@@ -51,7 +51,6 @@ from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.diagnosis.seen.things import Things
 from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, other_bones, outside
 from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
-from fgpose.diagnosis.unfollowed import causes_of_unfollowed
 from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
