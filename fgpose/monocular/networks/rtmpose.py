@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.per_view.absolute_pose import AbsolutePose
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.networks.batches import Batches
@@ -191,11 +192,5 @@ class RTMPose:
 
     def _people(self, image: Image, boxes: Boxes) -> People:
         poses = self._simcc.poses(image, boxes)
-        shape = len(poses), self.skeleton.n_joints
-        return People(
-            boxes,
-            np.stack([pose.points2d_px for pose in poses]),
-            np.stack([pose.confidence for pose in poses]),
-            np.full((*shape, 3), np.nan),
-            np.full((*shape, 3, 3), np.nan),
-        )
+        in_3d = [AbsolutePose.missing(self.skeleton.n_joints, "")] * len(poses)
+        return People.stacked(boxes, [pose.points2d_px for pose in poses], [pose.confidence for pose in poses], in_3d)
