@@ -1,0 +1,55 @@
+"""What the numbers in a C3D file can count, and what is done beyond; read by ezc3d, which knows nothing of fgpose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_files import walk
+
+from fgpose.io.skeletons import load_skeleton
+from fgpose.io.trajectories import c3d, load_trajectory
+from fgpose.io.trajectories.kinematics import save_kinematics
+from fgpose.kinematics.poses import segment_poses
+from fgpose.trajectory import Status, Trajectory
+
+ezc3d = pytest.importorskip("ezc3d")
+N_JOINTS = walk().skeleton.n_joints
+
+
+def test_rotations_that_the_file_cannot_point_to_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "walk.c3d"
+    n_bytes = walk().n_frames * N_JOINTS * 16
+    monkeypatch.setattr(c3d, "_MOST_POINT_BYTES", n_bytes)
+    save_kinematics(walk(), path, "z")
+    assert ezc3d.c3d(str(path))["data"]["rotations"].shape[2] > 0
+    monkeypatch.setattr(c3d, "_MOST_POINT_BYTES", n_bytes - 1)
+    with pytest.warns(UserWarning, match=r"walk\.c3d: it has points and no rotations: .* Write .* \.bvh, \.mot"):
+        save_kinematics(walk(), path, "z")
+    file = ezc3d.c3d(str(path))
+    assert file["data"]["rotations"].size == 0
+    assert file["data"]["points"].shape[1:] == (N_JOINTS, walk().n_frames)
+    assert load_trajectory(path, world_up="z", file_up="z").n_frames == walk().n_frames
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("too_many", [False, True])
+def test_rotations_are_right_up_to_where_they_are_left_out(tmp_path: Path, *, too_many: bool) -> None:
+    """Behind 16.7 MB of points the number of their block is above 32767, and they were read as points."""
+    path, skeleton = tmp_path / "long.c3d", load_skeleton("halpe_136")
+    n_frames = c3d._MOST_POINT_BYTES // (16 * skeleton.n_joints) + too_many
+    positions_m = np.random.default_rng(0).normal(size=(n_frames, skeleton.n_joints, 3))
+    status = np.full(positions_m.shape[:2], Status.OBSERVED)
+    long = Trajectory(skeleton, np.arange(n_frames) / 50, positions_m, status)
+    if too_many:
+        with pytest.warns(UserWarning, match="it has points and no rotations"):
+            save_kinematics(long, path, "z")
+        assert not ezc3d.c3d(str(path))["data"]["rotations"].size
+        return
+    save_kinematics(long, path, "z")
+    found = ezc3d.c3d(str(path))["data"]["rotations"]
+    assert found.shape[3] == n_frames
+    poses = segment_poses(long, "z")
+    expected = np.where(poses.determined[..., None, None], poses.world_R_segment, np.nan).transpose(2, 3, 1, 0)
+    np.testing.assert_allclose(found[:3, :3], expected, atol=2**-23)  # 32-bit numbers of up to 1
