@@ -7,6 +7,7 @@ takes several times as long as ezc3d.
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import resource
 import signal
@@ -15,6 +16,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +33,8 @@ _TIME_LIMIT_S, _TIME_LIMIT_S_PER_MB = 15.0, 1.0
 _MEMORY_LIMIT_BYTES, _MEMORY_LIMIT_BYTES_PER_BYTE = 2 << 30, 50
 START_OFFSET = "START_OFFSET_S"
 """Parameter of fgpose: by how much the first frame is later than its number says, seconds."""
-_PARAMETERS = ("UNITS", "RATE", "LABELS", "Y_SCREEN", START_OFFSET)
+_LABELS = "LABELS"
+_PARAMETERS = ("UNITS", "RATE", "Y_SCREEN", START_OFFSET)
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,8 @@ def read_points(path: Path) -> dict[str, np.ndarray]:
 
     Returns:
         points (4, marker, frame), residuals (marker, frame), first_frame, and those of the parameters UNITS, RATE,
-        LABELS, Y_SCREEN and START_OFFSET_S of the group POINT that it has.
+        LABELS, Y_SCREEN and START_OFFSET_S of the group POINT that it has; names beyond 255, which stand in LABELS2,
+        LABELS3 and so on, are among LABELS.
 
     Raises:
         ValueError: the file is damaged; the caller names it.
@@ -116,6 +120,13 @@ def _reason(reader: subprocess.CompletedProcess[bytes]) -> str:
     return lines[-1] if lines else f"ezc3d ended with {reader.returncode}"
 
 
+def _labels(group: Any) -> list[str]:
+    """A parameter holds 255 names at most: the next ones are in LABELS2, and so on."""
+    names = itertools.chain([_LABELS], (f"{_LABELS}{number}" for number in itertools.count(2)))
+    parts = itertools.takewhile(lambda name: "value" in group.get(name, {}), names)
+    return [label for name in parts for label in group[name]["value"]]
+
+
 def _main(path: str, memory_bytes: int) -> None:
     """Write the arrays of read_points as npz to the standard output."""
     answer = os.fdopen(os.dup(1), "wb")
@@ -127,6 +138,7 @@ def _main(path: str, memory_bytes: int) -> None:
     file = ezc3d.c3d(path)
     group = file["parameters"]["POINT"]
     arrays = {name: np.array(list(group[name]["value"])) for name in _PARAMETERS if "value" in group.get(name, {})}
+    arrays[_LABELS] = np.array(_labels(group))
     arrays["points"] = file["data"]["points"]
     arrays["residuals"] = file["data"]["meta_points"]["residuals"][0]
     arrays["first_frame"] = np.array(file["header"]["points"]["first_frame"])

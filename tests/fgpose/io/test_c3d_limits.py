@@ -9,7 +9,7 @@ import pytest
 from small_files import walk
 
 from fgpose.io.skeletons import load_skeleton
-from fgpose.io.trajectories import c3d, load_trajectory
+from fgpose.io.trajectories import c3d, load_trajectory, save_trajectory
 from fgpose.io.trajectories.kinematics import save_kinematics
 from fgpose.kinematics.poses import segment_poses
 from fgpose.trajectory import Status, Trajectory
@@ -53,3 +53,20 @@ def test_rotations_are_right_up_to_where_they_are_left_out(tmp_path: Path, *, to
     poses = segment_poses(long, "z")
     expected = np.where(poses.determined[..., None, None], poses.world_R_segment, np.nan).transpose(2, 3, 1, 0)
     np.testing.assert_allclose(found[:3, :3], expected, atol=2**-23)  # 32-bit numbers of up to 1
+
+
+@pytest.mark.parametrize("n_markers", [255, 256, 600])
+def test_markers_beyond_255_have_their_names(tmp_path: Path, n_markers: int) -> None:
+    """A parameter of a C3D file holds 255 names; ezc3d puts the others into LABELS2 and LABELS3."""
+    other = ezc3d.c3d()
+    names = tuple(f"M{number}" for number in range(n_markers))
+    other["data"]["points"] = np.broadcast_to(np.arange(1.0, n_markers + 1)[:, None], (4, n_markers, 3)).copy()
+    parameters = other["parameters"]["POINT"]
+    parameters["RATE"]["value"], parameters["UNITS"]["value"], parameters["LABELS"]["value"] = [50.0], ["mm"], names
+    other.write(str(tmp_path / "other.c3d"))
+    read = load_trajectory(tmp_path / "other.c3d")
+    assert read.skeleton.joints == names
+    np.testing.assert_allclose(read["M254"], 0.255)
+    np.testing.assert_allclose(read[names[-1]], n_markers / 1000)
+    save_trajectory(read, tmp_path / "own.c3d", "z")
+    assert load_trajectory(tmp_path / "own.c3d").skeleton.joints == names
