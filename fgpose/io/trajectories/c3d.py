@@ -60,7 +60,8 @@ def write_c3d(
     Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
     file has no times, only a rate and the number of its first frame: the rate is that of the whole recording
     without gaps (1 for a single frame), and a UserWarning is given where the true times differ noticeably from what
-    this implies. The rest of a frame at the start stands in POINT:START_OFFSET_S, which read_c3d adds.
+    this implies. What the number cannot tell of the start, as the rest of a frame, or all of it where it is before 0 or
+    beyond 65535 frames, stands in POINT:START_OFFSET_S, which read_c3d adds.
 
     Args:
         trajectory: of one person.
@@ -95,7 +96,7 @@ def write_c3d(
     file["data"]["meta_points"]["residuals"] = np.where(known, 0.0, -1.0)[None]
     first, offset_s = _start(trajectory.time_s, rate_hz, path)
     file["header"]["points"]["first_frame"] = first
-    file.add_parameter("POINT", START_OFFSET, [offset_s])
+    file.add_parameter("POINT", START_OFFSET, _in_single_precision(offset_s))
     parameters = file["parameters"]["POINT"]
     parameters["RATE"]["value"] = [rate_hz]
     parameters["UNITS"]["value"] = ["mm"]
@@ -165,17 +166,21 @@ def _holds(trajectory: Trajectory, n_rotations: int) -> Check:
 
 
 def _start(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> tuple[int, float]:
-    """Number of the first frame, counted from time 0, and how much later than that it is, seconds; warns where the file
-    cannot hold the start."""
+    """Number of the first frame, counted from time 0, and how much later than that it is, seconds; says it where other
+    programs read another start."""
     rate_hz = float(np.float32(rate_hz))  # as the file has it
     first = round(float(time_s[0]) * rate_hz)
     if not (first >= 0 and first + len(time_s) <= _MAX_FRAMES):
-        warnings.warn(
-            f"{path}: C3D cannot hold a start at {time_s[0]:.6g} s; it starts at 0 s", UserWarning, stacklevel=3
-        )
-        return 0, 0.0
+        first = 0
     offset_s = float(time_s[0]) - first / rate_hz
-    if abs(offset_s) > _NOTICED_S:
+    if abs(offset_s) * rate_hz > 1:
+        warnings.warn(
+            f"{path}: C3D cannot hold a start at {time_s[0]:.6g} s: for other programs than fgpose it starts at 0 s "
+            f"({START_OFFSET} tells it)",
+            UserWarning,
+            stacklevel=3,
+        )
+    elif abs(offset_s) > _NOTICED_S:
         warnings.warn(
             f"{path}: C3D counts its start in whole frames: other programs than fgpose take all times "
             f"{1000 * abs(offset_s):.3g} ms too {'early' if offset_s > 0 else 'late'} ({START_OFFSET} tells it)",
@@ -183,6 +188,14 @@ def _start(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> t
             stacklevel=3,
         )
     return first, offset_s
+
+
+def _in_single_precision(value: float) -> list[float]:
+    """Numbers of 32 bit whose sum it is, as exactly as one of 64 bit."""
+    parts: list[float] = []
+    for _ in range(3):
+        parts.append(float(np.float32(value - sum(parts))))
+    return parts
 
 
 def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
@@ -228,7 +241,7 @@ def _start_offset_s(file: dict[str, np.ndarray]) -> float:
     """0 in files of other programs."""
     if START_OFFSET not in file or not file[START_OFFSET].size:
         return 0.0
-    offset_s = float(checked(file, START_OFFSET, "numbers", None)[0])
+    offset_s = float(checked(file, START_OFFSET, "numbers", None).astype(float).sum())
     return offset_s if np.isfinite(offset_s) else 0.0
 
 

@@ -32,7 +32,7 @@ _MAX_COUNT = 65535
 _TIME_LIMIT_S, _TIME_LIMIT_S_PER_MB = 15.0, 1.0
 _MEMORY_LIMIT_BYTES, _MEMORY_LIMIT_BYTES_PER_BYTE = 2 << 30, 50
 START_OFFSET = "START_OFFSET_S"
-"""Parameter of fgpose: by how much the first frame is later than its number says, seconds."""
+"""Parameter of fgpose: by how much the first frame is later than its number says, seconds: the sum of its numbers."""
 _LABELS = "LABELS"
 _PARAMETERS = ("UNITS", "RATE", "Y_SCREEN", START_OFFSET)
 

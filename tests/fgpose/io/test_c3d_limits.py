@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,3 +71,13 @@ def test_markers_beyond_255_have_their_names(tmp_path: Path, n_markers: int) -> 
     np.testing.assert_allclose(read[names[-1]], n_markers / 1000)
     save_trajectory(read, tmp_path / "own.c3d", "z")
     assert load_trajectory(tmp_path / "own.c3d").skeleton.joints == names
+
+
+@pytest.mark.parametrize("start_s", [-3.2, 1e5, 1.7e9 + 0.123])
+def test_a_start_that_the_number_of_a_frame_cannot_tell_comes_back(tmp_path: Path, start_s: float) -> None:
+    path, early = tmp_path / "walk.c3d", replace(walk(), time_s=walk().time_s + start_s)
+    with pytest.warns(UserWarning, match=r"walk\.c3d: C3D cannot hold a start at .* starts at 0 s"):
+        save_trajectory(early, path, "z")
+    # Times since 1970 are numbers that differ by 2.4e-7 s.
+    np.testing.assert_allclose(load_trajectory(path, file_up="z").time_s, early.time_s, rtol=0, atol=5e-7)
+    assert ezc3d.c3d(str(path))["header"]["points"]["first_frame"] == 0
