@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.geometry.up_axis import y_up
+from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_text
-from fgpose.io.trajectories.markers import constant_rate_hz, warn_of_uneven_times
-from fgpose.kinematics.poses import SegmentPoses
+from fgpose.io.trajectories.markers import constant_rate_hz, in_whole_frames, warn_of_uneven_times
+from fgpose.kinematics.poses import SegmentPoses, segment_poses
+from fgpose.trajectory import Trajectory
 
 _NAMES = {"pelvis": "Hips", "thorax": "Spine", "head": "Neck"}
 _OF_A_SIDE = {"thigh": "UpLeg", "shank": "Leg", "foot": "Foot", "upper_arm": "Arm", "forearm": "ForeArm"}
+_MOSTLY_GAPS = 65535  # frames of a recording that is mostly gaps: those of days are closed
 _Y_UP_R_Z_UP = y_up(np.eye(3), "z").T
 
 
@@ -31,23 +33,30 @@ class _Body:
         return [child for child in range(len(self.offset_m)) if self.poses.parent(child) == index]
 
 
-def write_bvh(poses: SegmentPoses, path: Path) -> None:
+def write_bvh(trajectory: Trajectory, path: Path, world_up: WorldUp = "z") -> None:
     """Write a body in metres with y up: bones have their median lengths, the root moves, all else turns.
 
     At zero rotation the body stands upright with hanging arms and faces +x. The axes of every joint are those of its
-    segment (x forward, y up, z to the right), and rotations are in the order Z, X, Y. The format has no gaps: rotations
-    are held, and the root is interpolated, where they are unknown. Segments that are never known are left out.
+    segment (x forward, y up, z to the right), and rotations are in the order Z, X, Y. The format has no gaps:
+    where rotations are unknown, or frames missing, they are held, and the root is interpolated. Segments that are never
+    known are left out.
+
+    Args:
+        trajectory: of one person.
+        path: the file.
+        world_up: what is up in its world.
 
     Warns:
         UserWarning: the true times differ noticeably from those of a constant rate, which is all that a BVH file holds.
 
     Raises:
-        ValueError: pelvis and trunk are known in no frame, or the times do not increase.
+        ValueError: the skeleton lacks hips or shoulders, pelvis and trunk are known in no frame, or the times do not
+            increase.
         OSError: the file cannot be written.
     """
-    body = _body(_known_segments(poses, path))
-    times_s = np.asarray(poses.time_s)
-    rate_hz = constant_rate_hz(times_s)
+    rate_hz = constant_rate_hz(trajectory.time_s)
+    whole = in_whole_frames(trajectory, rate_hz, max(2 * trajectory.n_frames, _MOSTLY_GAPS))
+    body, times_s = _body(_known_segments(segment_poses(whole, world_up), path)), whole.time_s
     warn_of_uneven_times(times_s, rate_hz, path, "BVH")
     lines = ["HIERARCHY", *_joint(body, 0, 0), "MOTION", f"Frames: {len(times_s)}"]
     lines.append(f"Frame Time: {1.0 / rate_hz:.10g}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,13 +16,14 @@ from fgpose.io.atomic import Check, replacing
 from fgpose.io.trajectories.c3d_points import BLOCK_BYTES, START_OFFSET, C3dSize, check_size, read_points
 from fgpose.io.trajectories.markers import (
     constant_rate_hz,
+    in_whole_frames,
     marker_of_joint,
     markers_to_trajectory,
     warn_of_uneven_times,
     without_subject,
     without_zeros,
 )
-from fgpose.kinematics.poses import SegmentPoses
+from fgpose.kinematics.poses import SegmentPoses, segment_poses
 from fgpose.trajectory import Trajectory
 
 _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
@@ -51,26 +53,28 @@ def write_c3d(
     trajectory: Trajectory,
     path: Path,
     world_up: WorldUp = "z",
-    poses: SegmentPoses | None = None,
     made_by: str = "",
+    *,
+    rotations: bool = False,
 ) -> None:
     """Write positions in millimetres (32 bit); gaps are NaN with residual -1. World axes are unchanged where z or y is
     up, and else turned so that z is: few programs heed an axis that points down.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
-    file has no times, only a rate and the number of its first frame: the rate is that of the whole recording
-    without gaps (1 for a single frame), and a UserWarning is given where the true times differ noticeably from what
-    this implies. What the number cannot tell of the start, as the rest of a frame, or all of it where it is before 0 or
-    beyond 65535 frames, stands in POINT:START_OFFSET_S, which read_c3d adds.
+    file has no times, only a rate and the number of its first frame. The rate is that of the whole recording without
+    gaps (1 for a single frame); frames that are missing are written as gaps of all points; a UserWarning is given where
+    the true times differ noticeably from what this implies. What the number cannot tell of the start, as the rest of a
+    frame, or all of it where it is before 0 or beyond 65535 frames, stands in POINT:START_OFFSET_S, which read_c3d
+    adds.
 
     Args:
         trajectory: of one person.
         path: the file.
         world_up: what is up in its world.
-        poses: of its segments, from the same trajectory. They stand in the group ROTATION, named as Visual3D does
-            (left_thigh_4X4): 4x4 matrices that take the segment's axes (x forward, y up, z to the right) and origin
-            (in millimetres) to the world. NaN where a rotation is not determined.
         made_by: see Origin.maker; it is then said in MANUFACTURER:SOFTWARE.
+        rotations: whether those of its segments stand in the group ROTATION, named as Visual3D does (left_thigh_4X4):
+            4x4 matrices that take the segment's axes (x forward, y up, z to the right) and origin (in millimetres) to
+            the world. NaN where a rotation is not determined.
 
     Warns:
         UserWarning: times differ as above; or there are no rotations, for C3D cannot tell where they begin behind so
@@ -78,15 +82,14 @@ def write_c3d(
 
     Raises:
         ImportError: ezc3d is not installed.
-        ValueError: there is no frame or more than 65535, or the times do not increase.
+        ValueError: there is no frame or more than 65535, the times do not increase, or a skeleton without hips or
+            shoulders has no rotations.
         OSError: the file cannot be written.
     """
     ezc3d = require_ezc3d()
-    if not trajectory.n_frames:
-        raise ValueError(f"{path}: C3D holds at least one frame, this has none; use parquet, npz or TRC")
-    if trajectory.n_frames > _MAX_FRAMES:
-        raise ValueError(f"{path}: C3D holds at most {_MAX_FRAMES} frames, this is {trajectory.n_frames}; use TRC")
+    check_frames(trajectory.n_frames, path)
     rate_hz = constant_rate_hz(trajectory.time_s)
+    trajectory = in_whole_frames(trajectory, rate_hz, _MAX_FRAMES)
     warn_of_uneven_times(trajectory.time_s, rate_hz, path, "C3D")
     kept = isinstance(world_up, str) and nearest_axis(world_up) in _SCREEN
     file_up: WorldUp = world_up if kept else "z"
@@ -97,22 +100,38 @@ def write_c3d(
     first, offset_s = _start(trajectory.time_s, rate_hz, path)
     file["header"]["points"]["first_frame"] = first
     file.add_parameter("POINT", START_OFFSET, _in_single_precision(offset_s))
+    _describe(file, trajectory.skeleton.joints, rate_hz, file_up)
+    if made_by:
+        file.add_parameter("MANUFACTURER", "SOFTWARE", f"made by fgpose {made_by}")
+    poses = segment_poses(trajectory, world_up) if rotations and not _are_too_far(trajectory, path) else None
+    if poses is not None:
+        _add_rotations(file, poses, rate_hz, file_up)
+    with replacing(path, _holds(trajectory, len(poses.segments) if poses else 0)) as temporary:
+        file.write(str(temporary))
+
+
+def check_frames(n_frames: int, path: Path) -> None:
+    """Raise ValueError that names the file if it cannot hold so many."""
+    if not n_frames:
+        raise ValueError(f"{path}: C3D holds at least one frame, this has none; use parquet, npz or TRC")
+    if n_frames > _MAX_FRAMES:
+        raise ValueError(f"{path}: C3D holds at most {_MAX_FRAMES} frames, this is {n_frames}; use TRC")
+
+
+def _describe(file: Any, joints: tuple[str, ...], rate_hz: float, file_up: WorldUp) -> None:
+    """Fill the group POINT."""
     parameters = file["parameters"]["POINT"]
     parameters["RATE"]["value"] = [rate_hz]
     parameters["UNITS"]["value"] = ["mm"]
-    parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in trajectory.skeleton.joints]
+    parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in joints]
     for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[nearest_axis(file_up)], strict=True):
         file.add_parameter("POINT", name, axis)
-    if made_by:
-        file.add_parameter("MANUFACTURER", "SOFTWARE", f"made by fgpose {made_by}")
-    if poses is not None and _are_too_far(trajectory, path):
-        poses = None
-    if poses is not None:
-        file["data"]["rotations"] = _rotations(poses, file_up)
-        file.add_parameter("ROTATION", "LABELS", [f"{segment.name}{ROTATION_LABEL}" for segment in poses.segments])
-        file.add_parameter("ROTATION", "RATE", [rate_hz])
-    with replacing(path, _holds(trajectory, len(poses.segments) if poses else 0)) as temporary:
-        file.write(str(temporary))
+
+
+def _add_rotations(file: Any, poses: SegmentPoses, rate_hz: float, file_up: WorldUp) -> None:
+    file["data"]["rotations"] = _rotations(poses, file_up)
+    file.add_parameter("ROTATION", "LABELS", [f"{segment.name}{ROTATION_LABEL}" for segment in poses.segments])
+    file.add_parameter("ROTATION", "RATE", [rate_hz])
 
 
 def _points(

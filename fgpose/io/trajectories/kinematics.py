@@ -33,7 +33,6 @@ from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.kinematics.motion import heights_m
 from fgpose.kinematics.opensim import opensim_coordinates
-from fgpose.kinematics.poses import segment_poses
 from fgpose.kinematics.quantities import Quantities
 from fgpose.kinematics.speeds import JointSpeeds, joint_speeds, with_centre_m
 from fgpose.plain_files import naming
@@ -142,9 +141,9 @@ def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp) -> None:
         case ".mot":
             write_mot(opensim_coordinates(trajectory, world_up), trajectory.time_s, path)
         case ".bvh":
-            write_bvh(segment_poses(trajectory, world_up), path)
+            write_bvh(trajectory, path, world_up)
         case ".c3d":
-            write_c3d(trajectory, path, world_up, segment_poses(trajectory, world_up))
+            write_c3d(trajectory, path, world_up, rotations=True)
 
 
 def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> None:

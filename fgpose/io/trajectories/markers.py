@@ -137,6 +137,23 @@ def constant_rate_hz(time_s: Float[np.ndarray, " frame"]) -> float:
     return frames_per_second(time_s)
 
 
+def in_whole_frames(trajectory: Trajectory, rate_hz: float, at_most: int) -> Trajectory:
+    """The same with frames of nobody where frames are missing, for formats that have a rate and no times: then each
+    frame is at its time within half an interval.
+
+    As it is where two frames are closer than that, and where it would have more frames than at_most.
+    """
+    since = (trajectory.time_s - trajectory.time_s[:1]) * rate_hz
+    if not trajectory.n_frames or not since[-1] < at_most - 0.5:
+        return trajectory
+    frames = np.rint(since).astype(int)
+    if frames[-1] + 1 == len(frames) or (np.diff(frames) < 1).any():
+        return trajectory
+    all_s = trajectory.time_s[0] + np.arange(frames[-1] + 1) / rate_hz
+    all_s[frames] = trajectory.time_s
+    return trajectory.in_frames(all_s, frames)
+
+
 def warn_of_uneven_times(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path, file_format: str) -> None:
     """Of a format without times: say where those of frames differ from what the rate implies, counted from the first.
 

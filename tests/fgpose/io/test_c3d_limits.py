@@ -81,3 +81,31 @@ def test_a_start_that_the_number_of_a_frame_cannot_tell_comes_back(tmp_path: Pat
     # Times since 1970 are numbers that differ by 2.4e-7 s.
     np.testing.assert_allclose(load_trajectory(path, file_up="z").time_s, early.time_s, rtol=0, atol=5e-7)
     assert ezc3d.c3d(str(path))["header"]["points"]["first_frame"] == 0
+
+
+def test_frames_that_are_missing_are_gaps_of_all_points(tmp_path: Path) -> None:
+    """Nobody was there for more than three seconds."""
+    path, n_frames = tmp_path / "walk.c3d", 8
+    positions_m = np.concatenate([walk().positions_m] * 2)
+    number = np.arange(n_frames) + 90 * (np.arange(n_frames) >= 5)
+    time_s = 2.0 + number / 25
+    absent = Trajectory(walk().skeleton, time_s, positions_m, np.full(positions_m.shape[:2], Status.OBSERVED))
+    save_kinematics(absent, path, "z")
+    file = ezc3d.c3d(str(path))
+    missing = file["data"]["meta_points"]["residuals"][0] < 0
+    assert missing.shape == (N_JOINTS, n_frames + 90)
+    np.testing.assert_array_equal(np.flatnonzero(~missing.all(axis=0)), number)
+    np.testing.assert_allclose(file["data"]["points"][:3, 0, number].T, 1000 * positions_m[:, 0], rtol=2**-24)
+    rotations = file["data"]["rotations"]
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(rotations[0, 0, 0])), number)
+    read = load_trajectory(path, file_up="z")
+    np.testing.assert_allclose(read.time_s[~read.absent], time_s, rtol=2**-23)  # the rate has 32 bit
+
+
+def test_gaps_of_more_frames_than_a_file_holds_are_closed(tmp_path: Path) -> None:
+    steps_s = np.array([0.0, 0.02, 0.04, 1e4])
+    with pytest.warns(
+        UserWarning, match=r"constant frame rate, 50 Hz .* frame 3 is 1e\+07 ms later than the file says"
+    ):
+        save_trajectory(replace(walk(), time_s=steps_s), tmp_path / "walk.c3d", "z")
+    assert load_trajectory(tmp_path / "walk.c3d", file_up="z").n_frames == 4

@@ -160,14 +160,29 @@ def test_gaps_are_held_in_bvh(walk: Trajectory, tmp_path: Path) -> None:
 
 
 def test_bvh_has_the_rate_of_the_whole_recording(walk: Trajectory, tmp_path: Path) -> None:
-    """Frames that are missing are not in it, and what it cannot hold is said."""
+    """Its gaps are not in it, and what the file cannot hold is said."""
     rounded = replace(walk, time_s=np.round(np.arange(walk.n_frames) / 60, 3))
     save_kinematics(rounded, tmp_path / "walk.bvh")
     _, frame_time_s, _ = read_bvh(tmp_path / "walk.bvh")
     assert frame_time_s == pytest.approx(1 / 60, abs=1e-3 / (walk.n_frames - 1))  # both ends are rounded to 1 ms
-    missing = replace(walk, time_s=np.arange(walk.n_frames) / 60 + (np.arange(walk.n_frames) > 10) * 0.5)
-    with pytest.warns(UserWarning, match=r"walk\.bvh: BVH holds a constant frame rate, 60 Hz .* 500 ms later than"):
+    missing = replace(walk, time_s=np.arange(walk.n_frames) / 60 + (np.arange(walk.n_frames) > 10) * 0.505)
+    with pytest.warns(UserWarning, match=r"walk\.bvh: BVH holds a constant frame rate, 60 Hz .* 5 ms later than"):
         save_kinematics(missing, tmp_path / "walk.bvh")
+
+
+def test_frames_that_are_missing_hold_the_pose_in_bvh(walk: Trajectory, tmp_path: Path) -> None:
+    """Ten frames of 50 Hz, in which he goes on to where he is next."""
+    whole = replace(walk, time_s=np.arange(walk.n_frames) / 50 + (np.arange(walk.n_frames) > 30) * 0.2)
+    save_kinematics(whole, tmp_path / "walk.bvh")
+    nodes, frame_time_s, values = read_bvh(tmp_path / "walk.bvh")
+    assert (len(values), frame_time_s) == (walk.n_frames + 10, pytest.approx(0.02))
+    np.testing.assert_array_equal(values[31:41, 3:], np.broadcast_to(values[30, 3:], (10, values.shape[1] - 3)))
+    found_m = places(nodes, values)["Hips"]
+    hips_m = walk[["left_hip", "right_hip"]].mean(axis=1)[:, [1, 2, 0]]  # y up
+    np.testing.assert_allclose(found_m[41:], hips_m[31:], atol=1e-6)
+    np.testing.assert_allclose(
+        np.diff(found_m[30:42], axis=0), np.broadcast_to((hips_m[31] - hips_m[30]) / 11, (11, 3)), atol=2e-6
+    )
 
 
 def test_nobody_is_no_bvh(walk: Trajectory, tmp_path: Path) -> None:
