@@ -1,27 +1,43 @@
-"""What two trajectories have in common: joints by name, frames by time."""
+"""What two trajectories have in common: joints by what their names mean, frames by time."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.sampling import nearest
+from fgpose.shown.joint_meanings import found_among
 from fgpose.skeleton import Skeleton
 
 
-def common_joints(estimate: Skeleton, reference: Skeleton) -> tuple[str, ...]:
-    """Names that both skeletons have, in the order of the estimate's.
+@dataclass(frozen=True)
+class CommonJoints:
+    """The joints that two skeletons have, in the order of the estimate's."""
+
+    names: tuple[str, ...]
+    """As the estimate calls them."""
+    estimate: tuple[int, ...]
+    """Their indices there."""
+    reference: tuple[int, ...]
+    """And there."""
+
+
+def common_joints(estimate: Skeleton, reference: Skeleton) -> CommonJoints:
+    """The joints whose names mean the same (joint_meanings): RHip of one is right_hip of the other.
 
     Raises:
         ValueError: there is none; the message shows both sides.
     """
-    names = tuple(joint for joint in estimate.joints if joint in reference.joints)
-    if not names:
+    partner = found_among(estimate.joints, reference.joints)
+    own = tuple(np.flatnonzero(partner >= 0).tolist())
+    if not own:
         raise ValueError(
             f"no joint in common: the estimate has {', '.join(estimate.joints)}; "
             f"the reference has {', '.join(reference.joints)}"
         )
-    return names
+    return CommonJoints(tuple(estimate.joints[joint] for joint in own), own, tuple(partner[list(own)].tolist()))
 
 
 def same_times(

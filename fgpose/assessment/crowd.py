@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +42,7 @@ class Crowd:
 
 def gather(
     people: Mapping[int, Trajectory],
-    joints: tuple[str, ...],
+    joints: Sequence[int],
     instants_s: Float[np.ndarray, " frame"],
     offset_s: float = 0.0,
 ) -> Crowd:
@@ -50,7 +50,7 @@ def gather(
 
     Args:
         people: trajectories by identity.
-        joints: names; every trajectory has them.
+        joints: which of those that every trajectory has.
         instants_s: increasing, seconds; a trajectory's frame is taken as the instant's where same_times pairs them.
         offset_s: added to the times of the trajectories.
     """
@@ -70,12 +70,11 @@ def gather(
 
 
 def _known(
-    trajectory: Trajectory, joints: tuple[str, ...], instants_s: Float[np.ndarray, " instant"], offset_s: float
+    trajectory: Trajectory, joints: Sequence[int], instants_s: Float[np.ndarray, " instant"], offset_s: float
 ) -> tuple[Int[np.ndarray, " frame"], Float[np.ndarray, "frame joint 3"]]:
     """Indices of the instants at which the person is there, and the positions."""
     own, instants = same_times(trajectory.time_s + offset_s, instants_s)
-    indices = [trajectory.skeleton.index(joint) for joint in joints]
-    positions_m = trajectory.positions_m[own][:, indices]
+    positions_m = trajectory.positions_m[own][:, list(joints)]
     there = np.isfinite(positions_m).all(axis=-1).any(axis=-1)
     return instants[there], positions_m[there]
 

@@ -1,13 +1,14 @@
-"""One trajectory measured against another: joints matched by name, frames by time."""
+"""One trajectory measured against another: joints matched by what their names mean, frames by time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.assessment.alignment import common_joints
+from fgpose.assessment.alignment import CommonJoints, common_joints
 from fgpose.assessment.metrics import (
     acceleration_error_mps2,
     coverage,
@@ -21,6 +22,7 @@ from fgpose.assessment.metrics import (
 )
 from fgpose.sampling import at_times, usual_step_s
 from fgpose.shown import Shown
+from fgpose.shown.joint_meanings import meanings
 from fgpose.shown.wrong_types import check_type
 from fgpose.trajectory import Trajectory
 
@@ -76,7 +78,7 @@ class Evaluation(Shown):
 class _Match:
     """The same joints at the same times in two trajectories."""
 
-    joints: tuple[str, ...]
+    common: CommonJoints
     time_s: Float[np.ndarray, " frame"]
     estimate_m: Float[np.ndarray, "frame joint 3"]
     reference_m: Float[np.ndarray, "frame joint 3"]
@@ -89,9 +91,10 @@ def align_by_name(
 ) -> tuple[Float[np.ndarray, "frame joint 3"], Float[np.ndarray, "frame joint 3"], tuple[str, ...]]:
     """Positions of both at their common times, of their common joints, metres, and the names of these joints.
 
-    Joints are the same when their names are, in the order of the estimate. The times are those of the estimate, or of
-    the reference where that has clearly fewer frames a second. There the other one is interpolated linearly between two
-    of its frames, never across a gap; where it has a frame at that time, it is that frame.
+    Joints are the same when their names mean the same (RHip is right_hip), in the order of the estimate. The times are
+    those of the estimate, or of the reference where that has clearly fewer frames a second. There the other one is
+    interpolated linearly between two of its frames, never across a gap; where it has a frame at that time, it is that
+    frame.
 
     Args:
         reference_offset_s: added to the reference's times, for a reference with a clock of its own.
@@ -100,7 +103,7 @@ def align_by_name(
         ValueError: no joint or no frame is in common; the message shows both sides.
     """
     match = _match(estimate, reference, reference_offset_s)
-    return match.estimate_m, match.reference_m, match.joints
+    return match.estimate_m, match.reference_m, match.common.names
 
 
 def evaluate(estimate: Trajectory, reference: Trajectory, reference_offset_s: float = 0.0) -> Evaluation:
@@ -116,9 +119,9 @@ def evaluate(estimate: Trajectory, reference: Trajectory, reference_offset_s: fl
     check_type("evaluate", "estimate", estimate, Trajectory)
     check_type("evaluate", "reference", reference, Trajectory)
     match = _match(estimate, reference, reference_offset_s)
-    estimate_m, reference_m, joints, time_s = match.estimate_m, match.reference_m, match.joints, match.time_s
+    estimate_m, reference_m, joints, time_s = match.estimate_m, match.reference_m, match.common.names, match.time_s
     absolute_m = joint_errors_m(estimate_m, reference_m)
-    root = _root(estimate, reference, joints)
+    root = _root(match.common, estimate, reference)
     relative_m = joint_errors_m(estimate_m, reference_m, root) if root else np.full_like(absolute_m, np.nan)
     uncertainty = {}
     if match.covariance_m2 is not None:
@@ -158,22 +161,27 @@ def _joint_scores(
     )
 
 
-def _root(estimate: Trajectory, reference: Trajectory, joints: tuple[str, ...]) -> tuple[int, ...] | None:
-    candidates = [[each.skeleton.joints[joint] for joint in each.skeleton.root] for each in (estimate, reference)]
-    for root in (*candidates, ["left_hip", "right_hip"]):
+def _root(common: CommonJoints, estimate: Trajectory, reference: Trajectory) -> tuple[int, ...] | None:
+    """Indices among the common joints."""
+    candidates: tuple[tuple[tuple[Any, ...], tuple[Any, ...]], ...] = (
+        (common.estimate, estimate.skeleton.root),
+        (common.reference, reference.skeleton.root),
+        (meanings(common.names), ("left_hip", "right_hip")),
+    )
+    for joints, root in candidates:
         if set(root) <= set(joints):
             return tuple(joints.index(joint) for joint in root)
     return None
 
 
 def _match(estimate: Trajectory, reference: Trajectory, reference_offset_s: float) -> _Match:
-    names = common_joints(estimate.skeleton, reference.skeleton)
+    common = common_joints(estimate.skeleton, reference.skeleton)
     estimate_s, reference_s = estimate.time_s, reference.time_s + reference_offset_s
     time_s = _common_times_s(estimate_s, reference_s)
-    of_estimate, of_reference = ([each.skeleton.index(name) for name in names] for each in (estimate, reference))
+    of_estimate, of_reference = list(common.estimate), list(common.reference)
     covariance_m2 = estimate.covariance_m2
     return _Match(
-        names,
+        common,
         time_s,
         at_times(estimate_s, estimate.positions_m[:, of_estimate], time_s),
         at_times(reference_s, reference.positions_m[:, of_reference], time_s),

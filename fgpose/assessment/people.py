@@ -160,8 +160,8 @@ def evaluate_people(
     """Measure tracked people against true ones. Both are trajectories by identity, which may cover different frames.
 
     Frames and joints: somebody is there in a frame where at least one joint is known. Joints are the same when their
-    names are, frames when their times are (alignment.same_times, for each person); nothing is interpolated. All frames
-    of the truth count, those in which nothing is estimated too; estimates at other times do not.
+    names mean the same, frames when their times are (alignment.same_times, for each person); nothing is interpolated.
+    All frames of the truth count, those in which nothing is estimated too; estimates at other times do not.
 
     Distance of an estimated and a true person in a frame: mean over the joints that both have.
 
@@ -190,11 +190,14 @@ def evaluate_people(
     if not 0 < match_m < np.inf:
         raise ValueError(f"match_m must be positive and finite, got {match_m}")
     skeleton = _skeleton(truth, "truth")
-    joints = common_joints(_skeleton(estimate, "estimate"), skeleton) if estimate else skeleton.joints
+    of_truth = of_estimate = tuple(range(skeleton.n_joints))
+    if estimate:
+        common = common_joints(_skeleton(estimate, "estimate"), skeleton)
+        of_truth, of_estimate = common.reference, common.estimate
     instants_s = _instants_s(truth, truth_offset_s) if time_s is None else time_s
     _check_times(estimate, truth, instants_s, truth_offset_s)
-    found, real = gather(estimate, joints, instants_s), gather(truth, joints, instants_s, truth_offset_s)
-    return _evaluation(found, real, instants_s, _bones(skeleton, joints), match_m)
+    found, real = gather(estimate, of_estimate, instants_s), gather(truth, of_truth, instants_s, truth_offset_s)
+    return _evaluation(found, real, instants_s, _bones(skeleton, of_truth), match_m)
 
 
 def _evaluation(
@@ -278,10 +281,9 @@ def _skeleton(people: Mapping[int, Trajectory], side: str) -> Skeleton:
     return skeletons[0]
 
 
-def _bones(skeleton: Skeleton, joints: tuple[str, ...]) -> list[tuple[int, int]]:
+def _bones(skeleton: Skeleton, joints: tuple[int, ...]) -> list[tuple[int, int]]:
     """The bones between some of a skeleton's joints, as indices into these."""
-    names = [(skeleton.joints[a], skeleton.joints[b]) for a, b in skeleton.bones]
-    return [(joints.index(a), joints.index(b)) for a, b in names if a in joints and b in joints]
+    return [(joints.index(a), joints.index(b)) for a, b in skeleton.bones if a in joints and b in joints]
 
 
 def _instants_s(people: Mapping[int, Trajectory], offset_s: float) -> Float[np.ndarray, " frame"]:

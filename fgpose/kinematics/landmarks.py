@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.shown.joint_meanings import meanings
 from fgpose.skeleton import Skeleton
 
 Points = Mapping[str, Float[np.ndarray, "*frames 3"]]
@@ -21,7 +22,7 @@ _OF_THE_MIDLINE = {"head": (("head",), ("head_top",), ("left_ear", "right_ear"),
 
 
 def landmarks(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
-    """The joints whose mean each landmark is, of the landmarks that a skeleton has.
+    """The joints whose mean each landmark is, of the landmarks that a skeleton has, whatever it calls them (meanings).
 
     They are hip, knee, ankle, shoulder, elbow, wrist, heel, ear and toe of both sides (left_hip), and head.
     """
@@ -29,11 +30,11 @@ def landmarks(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
     for side in ("left", "right"):
         for name, choices in _OF_A_SIDE.items():
             wanted[f"{side}_{name}"] = tuple(tuple(f"{side}_{joint}" for joint in joints) for joints in choices)
-    found = {}
+    found, own = {}, meanings(skeleton.joints)
     for name, choices in wanted.items():
-        joints = next((joints for joints in choices if set(joints) <= set(skeleton.joints)), None)
+        joints = next((joints for joints in choices if set(joints) <= set(own)), None)
         if joints:
-            found[name] = tuple(skeleton.joints.index(joint) for joint in joints)
+            found[name] = tuple(own.index(joint) for joint in joints)
     return found
 
 

@@ -17,13 +17,13 @@ from fgpose.io.trajectories.c3d_points import BLOCK_BYTES, START_OFFSET, C3dSize
 from fgpose.io.trajectories.markers import (
     constant_rate_hz,
     in_whole_frames,
-    marker_of_joint,
     markers_to_trajectory,
     warn_of_uneven_times,
     without_subject,
     without_zeros,
 )
 from fgpose.kinematics.poses import SegmentPoses, segment_poses
+from fgpose.shown.joint_meanings import marker_names
 from fgpose.trajectory import Trajectory
 
 _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
@@ -123,7 +123,7 @@ def _describe(file: Any, joints: tuple[str, ...], rate_hz: float, file_up: World
     parameters = file["parameters"]["POINT"]
     parameters["RATE"]["value"] = [rate_hz]
     parameters["UNITS"]["value"] = ["mm"]
-    parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in joints]
+    parameters["LABELS"]["value"] = list(marker_names(joints))
     for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[nearest_axis(file_up)], strict=True):
         file.add_parameter("POINT", name, axis)
 

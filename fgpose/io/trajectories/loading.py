@@ -22,6 +22,7 @@ from fgpose.io.trajectories.trc import read_trc
 from fgpose.io.trajectories.upright import doubt_given_up, resolved_up
 from fgpose.observations import is_infinite
 from fgpose.plain_files import naming
+from fgpose.shown.joint_meanings import found_among
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
@@ -36,9 +37,9 @@ def load_trajectory(
 
     Args:
         path: the file.
-        skeleton: wanted joints and their order, by name, or the name of a skeleton. Joints that the file lacks are NaN
-            and unobservable; the file's others are left out. By default the file's own: of TRC and C3D its markers,
-            without bones.
+        skeleton: wanted joints and their order, or the name of a skeleton. They are found by what their names mean
+            (RHip is right_hip). Joints that the file lacks are NaN and unobservable; the file's others are left out. By
+            default the file's own: of TRC and C3D its markers, without bones.
         world_up: what is up in the world wanted, for TRC and C3D.
         file_up: what is up in the file, for TRC and C3D. auto: as its format says (y in TRC; what Y_SCREEN says in C3D,
             else z), unless the body stands along another axis.
@@ -204,7 +205,7 @@ def _in_order_of(skeleton: Skeleton, trajectory: Trajectory) -> Trajectory:
     if skeleton == trajectory.skeleton:
         return trajectory
     joints = trajectory.skeleton.joints
-    source = np.array([joints.index(joint) if joint in joints else -1 for joint in skeleton.joints])
+    source = found_among(skeleton.joints, joints)
     if np.all(source < 0):
         raise ValueError(f"no joint of skeleton {skeleton.name} is in the file, which has {', '.join(joints)}")
 

@@ -12,39 +12,15 @@ from jaxtyping import Float
 
 from fgpose.io.tables import one_line
 from fgpose.sampling import frames_per_second, usual_step_s
+from fgpose.shown.joint_meanings import meanings
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
-_CAMEL_CASE = re.compile(r"([LR](?=[A-Z][a-z])|Left|Right)?((?:[A-Z][a-z]+\d*)+)")
-_SIDES = {"L": "left_", "R": "right_", "Left": "left_", "Right": "right_", None: ""}
 # Of a marker of Vicon and OptiTrack: Sub1:Nose.
 _SUBJECT = re.compile(r"([^:]+):(.+)")
-# Pose2Sim calls the middle of the hips Hip in its Halpe models and CHip or MidHip in others.
-_PELVIS = ("Hip", "MidHip", "CHip")
 _MAX_NAMED = 4
 # Of a frame whose time a constant rate cannot hold. Times rounded to milliseconds, and most jitter, are below.
 _NOTICED_INTERVALS = 0.2
-
-
-def joint_of_marker(marker: str) -> str:
-    """fgpose's name of a marker named as Pose2Sim and OpenPose do: RHip is right_hip. Other names stay as they are."""
-    if marker in _PELVIS:
-        return "pelvis"
-    match = _CAMEL_CASE.fullmatch(marker)
-    if match is None:
-        return marker
-    words = re.findall(r"[A-Z][a-z]+\d*", match[2])
-    return _SIDES[match[1]] + "_".join(words).lower()
-
-
-def marker_of_joint(joint: str) -> str:
-    """Name of a joint as Pose2Sim and its OpenSim models have it: right_hip is RHip, pelvis is Hip."""
-    if joint == "pelvis":
-        return _PELVIS[0]
-    side = {"left": "L", "right": "R"}.get(joint.split("_")[0], "")
-    words = joint.split("_")[1:] if side else joint.split("_")
-    marker = side + "".join(word.capitalize() for word in words)
-    return marker if joint_of_marker(marker) == joint else joint
 
 
 def without_subject(markers: list[str], path: Path) -> list[str]:
@@ -97,7 +73,8 @@ def markers_to_trajectory(
 ) -> Trajectory:
     """A trajectory whose skeleton is the markers alone, without bones; its root is the pelvis, the hips or the first.
 
-    A marker is observed where all three coordinates are known, otherwise NaN.
+    Joints have the names that their markers mean (joint_meanings). A marker is observed where all three coordinates are
+    known, otherwise NaN.
 
     Raises:
         ValueError: there is no marker, or two have the same name.
@@ -105,8 +82,7 @@ def markers_to_trajectory(
     if not markers:
         raise ValueError("it holds no marker")
     markers = [one_line(marker) or f"marker_{n}" for n, marker in enumerate(markers, 1)]
-    renamed = tuple(joint_of_marker(marker) for marker in markers)
-    joints = renamed if len(set(renamed)) == len(renamed) else tuple(markers)
+    joints = meanings(markers)
     known = np.asarray(np.isfinite(positions_m).all(axis=-1))
     return Trajectory(
         skeleton=Skeleton("markers", joints, bones=(), root=_root(joints)),

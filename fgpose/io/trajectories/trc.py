@@ -22,7 +22,6 @@ from fgpose.io.content import read_content, text_lines
 from fgpose.io.tables import as_cell, name_in_cell, one_line
 from fgpose.io.trajectories.markers import (
     constant_rate_hz,
-    marker_of_joint,
     markers_to_trajectory,
     without_subject,
     without_zeros,
@@ -30,6 +29,7 @@ from fgpose.io.trajectories.markers import (
 from fgpose.kinematics.body_size import leg_length
 from fgpose.plain_files import check_expansion
 from fgpose.sampling import parts_of
+from fgpose.shown.joint_meanings import marker_names
 from fgpose.skeleton import MAX_JOINTS
 from fgpose.trajectory import Trajectory
 
@@ -61,7 +61,7 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_
 def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
     rate = f"{constant_rate_hz(trajectory.time_s):.10g}"
     n_frames, n_markers = str(trajectory.n_frames), trajectory.skeleton.n_joints
-    names = [cell for joint in trajectory.skeleton.joints for cell in (as_cell(marker_of_joint(joint)), "", "")]
+    names = [cell for name in marker_names(trajectory.skeleton.joints) for cell in (as_cell(name), "", "")]
     axes = [f"{axis}{marker}" for marker in range(1, n_markers + 1) for axis in "XYZ"]
     return [
         "\t".join(["PathFileType", "4", "(X/Y/Z)", file_name]),

@@ -9,7 +9,7 @@ import pytest
 
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_trajectory
-from fgpose.io.trajectories.markers import joint_of_marker, marker_of_joint
+from fgpose.shown.joint_meanings import joint_of_marker, marker_of_joint
 from fgpose.trajectory import Status, Trajectory
 
 DATA = Path(__file__).parents[2] / "data" / "trc"
