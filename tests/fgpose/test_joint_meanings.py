@@ -12,10 +12,10 @@ import fgpose
 from fgpose.assessment.evaluation import evaluate
 from fgpose.assessment.people import evaluate_people
 from fgpose.cli import main
-from fgpose.io.skeletons import load_skeleton
+from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.kinematics.angles import joint_angles
-from fgpose.shown.joint_meanings import found_among, marker_names, meanings
+from fgpose.shown.joint_meanings import found_among, marker_names, marker_of_joint, meanings
 from fgpose.trajectory import Status, Trajectory
 from fgpose_benchmarks.synthetic import walking
 
@@ -46,7 +46,7 @@ def test_names_that_mean_the_same_stay_different() -> None:
     assert meanings(("right_hip", "RHip", "LKnee")) == ("right_hip", "RHip", "left_knee")
     assert meanings(("RightHip", "RHip")) == ("RightHip", "RHip")
     assert marker_names(("right_hip", "RHip", "left_knee")) == ("right_hip", "RHip", "LKnee")
-    assert marker_names(("RHip", "left_knee", "pelvis")) == ("RHip", "LKnee", "Hip")
+    assert marker_names(("RHip", "left_knee", "pelvis", "head")) == ("RHip", "LKnee", "Hip", "Head")
     np.testing.assert_array_equal(found_among(("RHip", "left_knee", "tail"), ("LKnee", "right_hip")), [1, 0, -1])
     np.testing.assert_array_equal(found_among(("right_hip", "RHip"), ("RHip",)), [-1, 0])
 
@@ -96,3 +96,62 @@ def test_they_have_the_same_angles(
     save_trajectory(camel, tmp_path / "camel.parquet", "z")
     assert main(["angles", str(tmp_path / "camel.parquet")]) == 0
     assert "left knee flexion" in capsys.readouterr().out
+
+
+# Names in Markers_*.xml of OpenSim_Setup, Pose2Sim 0.10.49.
+_BODY = {"Nose", *(f"{side}{part}" for side in "LR" for part in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle"))}
+_FEET = {f"{side}{part}" for side in "LR" for part in ("BigToe", "SmallToe", "Heel")}
+_HANDS = {f"{side}{part}" for side in "LR" for part in ("Thumb", "Index", "Pinky")}
+_EYES = {"LEye", "REye"}
+MODELS = {
+    "Body25": _BODY | _FEET | {"Neck", "CHip"},
+    "Body25b": _BODY | _FEET | {"Neck", "Head"},
+    "Coco17": _BODY | {"Neck"},
+    "Halpe26": _BODY | _FEET | {"Neck", "Head", "Hip"},
+    "Halpe68_136": _BODY | _FEET | _HANDS | {"Neck", "Head", "Hip"},
+    "Coco133": _BODY | _FEET | _HANDS | _EYES,
+    "BlazePose": _BODY | (_FEET - {"LSmallToe", "RSmallToe"}) | _HANDS | _EYES,
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "lacks"),
+    [
+        *((name, "Body25", set()) for name in ("body_25", "openpose_67", "openpose_137")),
+        ("body_25b", "Body25b", set()),
+        ("coco_17", "Coco17", {"Neck"}),
+        ("halpe_26", "Halpe26", set()),
+        ("halpe_136", "Halpe68_136", set()),
+        *((name, "Coco133", set()) for name in ("coco_wholebody_133", "mhr_70")),
+        *((name, "BlazePose", set()) for name in ("blazepose_33", "holistic_75")),
+    ],
+)
+def test_markers_are_those_of_the_models_of_pose2sim(name: str, model: str, lacks: set[str]) -> None:
+    assert MODELS[model] - set(marker_names(load_skeleton(name).joints)) == lacks
+
+
+def test_a_finger_of_the_models_is_the_joint_beside_the_palm() -> None:
+    """Ids in skeletons.py of Pose2Sim: COCO_133 and HALPE_136."""
+    for name, ids in {
+        "coco_wholebody_133": {"LThumb": 93, "LIndex": 96, "LPinky": 108, "RThumb": 114, "RIndex": 117, "RPinky": 129},
+        "halpe_136": {"LThumb": 96, "LIndex": 99, "LPinky": 111, "RThumb": 117, "RIndex": 120, "RPinky": 132},
+    }.items():
+        markers = marker_names(load_skeleton(name).joints)
+        assert {marker: markers.index(marker) for marker in ids} == ids
+
+
+@pytest.mark.parametrize("name", builtin_skeletons())
+@pytest.mark.parametrize("is_old", [False, True])
+def test_files_of_all_skeletons_come_back(name: str, tmp_path: Path, *, is_old: bool) -> None:
+    """Also those of versions that named each marker after its joint alone."""
+    skeleton = load_skeleton(name)
+    markers = tuple(map(marker_of_joint, skeleton.joints)) if is_old else marker_names(skeleton.joints)
+    assert len(set(markers)) == skeleton.n_joints
+    np.testing.assert_array_equal(found_among(skeleton.joints, markers), np.arange(skeleton.n_joints))
+    positions_m = np.random.default_rng(1).normal(size=(1, skeleton.n_joints, 3))
+    shown = Trajectory(skeleton, np.zeros(1), positions_m, np.full((1, skeleton.n_joints), Status.OBSERVED))
+    save_trajectory(shown, tmp_path / "walk.trc", "z")
+    text = (tmp_path / "walk.trc").read_text()
+    written = marker_names(skeleton.joints)
+    (tmp_path / "walk.trc").write_text(text.replace("\t\t\t".join(written), "\t\t\t".join(markers)))
+    np.testing.assert_array_equal(load_trajectory(tmp_path / "walk.trc", skeleton).positions_m, positions_m)

@@ -60,7 +60,7 @@ def write_c3d(
     """Write positions in millimetres (32 bit); gaps are NaN with residual -1. World axes are unchanged where z or y is
     up, and else turned so that z is: few programs heed an axis that points down.
 
-    Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
+    Markers have marker_names (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
     file has no times, only a rate and the number of its first frame. The rate is that of the whole recording without
     gaps (1 for a single frame); frames that are missing are written as gaps of all points; a UserWarning is given where
     the true times differ noticeably from what this implies. What the number cannot tell of the start, as the rest of a

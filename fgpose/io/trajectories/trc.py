@@ -43,8 +43,8 @@ _N_HEADER_LINES = 5  # of the TRC format
 def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_by: str = "") -> None:
     """Write positions in metres with y up; gaps are cells "nan", as OpenSim writes them.
 
-    Markers are named as in Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate is their
-    rate over the whole recording, without gaps (1 for a single frame). Frame numbers count from 1.
+    Markers have marker_names, those of Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate
+    is their rate over the whole recording, without gaps (1 for a single frame). Frame numbers count from 1.
 
     Args:
         world_up: what is up in the trajectory's world; z is mapped to OpenSim's y as Pose2Sim does.
