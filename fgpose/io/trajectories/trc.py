@@ -7,6 +7,7 @@ X1 Y1 Z1 ..., perhaps an empty one, then the frames. OpenSim's axes are x forwar
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,7 +15,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_lines
@@ -26,6 +27,7 @@ from fgpose.io.trajectories.markers import (
     without_subject,
     without_zeros,
 )
+from fgpose.io.trajectories.result_table import numbered
 from fgpose.kinematics.body_size import leg_length
 from fgpose.plain_files import check_expansion
 from fgpose.sampling import parts_of
@@ -38,13 +40,15 @@ _HEADER += ["OrigDataRate", "OrigDataStartFrame", "OrigNumFrames"]
 _UNITS_PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 _SEPARATORS = ("\t", ";", ",")
 _N_HEADER_LINES = 5  # of the TRC format
+_NUMBER = re.compile(r"[0-9]{1,9}")
 
 
 def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_by: str = "") -> None:
     """Write positions in metres with y up; gaps are cells "nan", as OpenSim writes them.
 
     Markers have marker_names, those of Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate
-    is their rate over the whole recording, without gaps (1 for a single frame). Frame numbers count from 1.
+    is their rate over the whole recording, without gaps (1 for a single frame). Frame# counts the frames of the
+    recording from 1. Frames in which nobody is there have no row: at one OpenSim's inverse kinematics ends.
 
     Args:
         world_up: what is up in the trajectory's world; z is mapped to OpenSim's y as Pose2Sim does.
@@ -55,12 +59,18 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_
         OSError: the file cannot be written.
     """
     file_name = one_line(f"{path.name} (made by fgpose {made_by})" if made_by else path.name)
-    write_lines(path, chain(_header_lines(trajectory, file_name), _frame_lines(trajectory, world_up)))
+    n_rows = sum(int(_there(trajectory, part).sum()) for part in parts_of(trajectory.n_frames))
+    write_lines(path, chain(_header_lines(trajectory, n_rows, file_name), _frame_lines(trajectory, world_up)))
 
 
-def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
+def _there(trajectory: Trajectory, part: slice) -> Bool[np.ndarray, " frame"]:
+    """In which of some frames a joint is known."""
+    return np.asarray(np.isfinite(trajectory.positions_m[part]).all(axis=-1).any(axis=-1))
+
+
+def _header_lines(trajectory: Trajectory, n_rows: int, file_name: str) -> list[str]:
     rate = f"{constant_rate_hz(trajectory.time_s):.10g}"
-    n_frames, n_markers = str(trajectory.n_frames), trajectory.skeleton.n_joints
+    n_frames, n_markers = str(n_rows), trajectory.skeleton.n_joints
     names = [cell for name in marker_names(trajectory.skeleton.joints) for cell in (as_cell(name), "", "")]
     axes = [f"{axis}{marker}" for marker in range(1, n_markers + 1) for axis in "XYZ"]
     return [
@@ -73,12 +83,15 @@ def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
 
 
 def _frame_lines(trajectory: Trajectory, world_up: WorldUp) -> Iterator[str]:
+    numbers = numbered(trajectory) + 1
     for part in parts_of(trajectory.n_frames):
-        known = np.isfinite(trajectory.positions_m[part]).all(axis=-1, keepdims=True)
-        positions_m = np.where(known, y_up(trajectory.positions_m[part], world_up), np.nan)
+        there = _there(trajectory, part)
+        in_world_m = trajectory.positions_m[part][there]
+        known = np.isfinite(in_world_m).all(axis=-1, keepdims=True)
+        positions_m = np.where(known, y_up(in_world_m, world_up), np.nan)
         rows = positions_m.reshape(len(positions_m), 3 * trajectory.skeleton.n_joints).tolist()
-        times_s = np.asarray(trajectory.time_s[part], dtype=float).tolist()
-        for number, (time_s, row) in enumerate(zip(times_s, rows, strict=True), start=part.start + 1):
+        times_s = np.asarray(trajectory.time_s[part][there], dtype=float).tolist()
+        for number, time_s, row in zip(numbers[part][there].tolist(), times_s, rows, strict=True):
             # repr is the shortest text that reads back as the same number. OpenSim refuses a row whose last cell is
             # empty.
             yield "\t".join([str(number), repr(time_s), *map(repr, row)])
@@ -87,9 +100,10 @@ def _frame_lines(trajectory: Trajectory, world_up: WorldUp) -> Iterator[str]:
 def read_trc(path: Path) -> Trajectory:
     """Read the markers of a TRC file, in metres and the axes of the file.
 
-    Lenient where writers differ: NumFrames, NumMarkers and the frame numbers are not believed, rows may lack trailing
-    cells, empty lines are skipped, a cell "nan" and a marker at exactly (0, 0, 0) are gaps. Cells may be separated by
-    semicolons or commas, as a table program leaves them, and numbers may have decimal commas where no cell has a point.
+    Lenient where writers differ: NumFrames and NumMarkers are not believed, Frame# where it increases; rows may lack
+    trailing cells, empty lines are skipped, a cell "nan" and a marker at exactly (0, 0, 0) are gaps. Cells may be
+    separated by semicolons or commas, as a table program leaves them, and numbers may have decimal commas where no cell
+    has a point.
     Where no unit is named, the legs of the body tell it.
 
     Warns:
@@ -106,11 +120,12 @@ def read_trc(path: Path) -> Trajectory:
         raise ValueError("it lacks the five header lines of a TRC file")
     separator = next((each for each in _SEPARATORS if each in header[3]), "\t")
     markers = without_subject(_markers(header[3], separator), path)
-    table = _frames(content, separator, markers)
+    table, numbers = _frames(content, separator, markers)
     positions = without_zeros(markers, table[:, 1:].reshape(len(table), len(markers), 3), path)
     in_file = markers_to_trajectory(markers, table[:, 0], positions)
     unit = _checked_unit(_unit(header, separator), leg_length(in_file), path)
-    return replace(in_file, positions_m=in_file.positions_m / _UNITS_PER_METRE[unit])
+    in_metres = in_file.positions_m / _UNITS_PER_METRE[unit]
+    return replace(in_file, positions_m=in_metres, frame_numbers=_frame_numbers(numbers))
 
 
 def _markers(line: str, separator: str) -> list[str]:
@@ -123,20 +138,32 @@ def _markers(line: str, separator: str) -> list[str]:
     return markers
 
 
-def _frames(content: bytes, separator: str, markers: list[str]) -> Float[np.ndarray, "frame cell"]:
-    """Time and coordinates, in the file's units."""
+def _frames(content: bytes, separator: str, markers: list[str]) -> tuple[Float[np.ndarray, "frame cell"], list[str]]:
+    """Time and coordinates, in the file's units; and the first cells."""
     n_cells = 1 + 3 * len(markers)
     # Frame numbers have no point, and what stands before them in the first line of them no frame.
     has_points = any("." in line for line in islice(text_lines(content), _N_HEADER_LINES, None))
     decimal_commas = separator != "," and not has_points
     rows: list[np.ndarray] = []
+    numbers: list[str] = []
     for number, line in enumerate(islice(text_lines(content), _N_HEADER_LINES, None), _N_HEADER_LINES + 1):
         if line.replace(separator, "").strip():
             # Rows may be much shorter than the header says.
             check_expansion(8 * n_cells * (len(rows) + 1), len(content))
             line = line.replace(",", ".") if decimal_commas else line
             rows.append(_parse_frame(line, separator, number, markers))
-    return np.array(rows).reshape(len(rows), n_cells)
+            numbers.append(line.split(separator, 1)[0].strip())
+    return np.array(rows).reshape(len(rows), n_cells), numbers
+
+
+def _frame_numbers(cells: list[str]) -> Int[np.ndarray, " frame"] | None:
+    """From 0, by cells that count from 1, or from 0 as some writers do; None where they do not increase."""
+    if not all(_NUMBER.fullmatch(cell) for cell in cells):
+        return None
+    numbers = np.array([int(cell) for cell in cells], dtype=int)
+    if len(numbers) and (np.diff(numbers) > 0).all():
+        return numbers - min(int(numbers[0]), 1)
+    return None
 
 
 def _unit(lines: list[str], separator: str) -> str:

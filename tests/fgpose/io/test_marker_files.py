@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fgpose.assessment.evaluation import evaluate
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.kinematics.angles import joint_angles
 from fgpose.shown.joint_meanings import joint_of_marker, marker_of_joint
 from fgpose.trajectory import Status, Trajectory
 
@@ -296,3 +298,58 @@ def test_the_subject_before_all_markers_is_no_part_of_their_names(trajectory, tm
         assert "Sub1:Nose" in load_trajectory(path).skeleton.joints
     path = written((names[1], f"Sub1:{names[1]}", *names[2:]))
     assert f"Sub1:{names[1]}" in load_trajectory(path).skeleton.joints
+
+
+def absent_in(trajectory: Trajectory, frames: list[int]) -> Trajectory:
+    """The same with nobody in some frames."""
+    positions_m, status = trajectory.positions_m.copy(), trajectory.status.copy()
+    positions_m[frames], status[frames] = np.nan, Status.UNOBSERVABLE
+    return dataclasses.replace(trajectory, positions_m=positions_m, status=status)
+
+
+def test_trc_has_no_rows_of_nobody(trajectory, tmp_path):
+    """OpenSim's inverse kinematics ends at one, and its scaling does nothing where there is one."""
+    gone = absent_in(trajectory, [0, 2])
+    save_trajectory(gone, tmp_path / "gone.trc", "z")
+    header, _, rows = parse_trc(tmp_path / "gone.trc")
+    assert header == ["50", "50", "3", "26", "m", "50", "1", "3"]
+    assert [row[:2] for row in rows] == [["2", "2.02"], ["4", "2.06"], ["5", "2.08"]]
+    loaded = load_trajectory(tmp_path / "gone.trc", gone.skeleton, file_up="y")
+    expected = gone.frames(~gone.absent)
+    np.testing.assert_array_equal(loaded.time_s, expected.time_s)
+    np.testing.assert_array_equal(loaded.positions_m, expected.positions_m)
+    np.testing.assert_array_equal(loaded.frame_numbers, [1, 3, 4])
+    save_trajectory(loaded, tmp_path / "again.trc", "z")
+    assert parse_trc(tmp_path / "again.trc")[1:] == parse_trc(tmp_path / "gone.trc")[1:]
+
+
+def test_a_trc_with_gaps_is_measured_as_the_result(tmp_path):
+    whole = load_trajectory(REAL_TRC)
+    gone = absent_in(whole, [5, 6, 7])
+    save_trajectory(gone, tmp_path / "gone.trc")
+    loaded = load_trajectory(tmp_path / "gone.trc")
+    (header, _, _) = parse_trc(tmp_path / "gone.trc")
+    assert float(header[0]) == pytest.approx(60.0, rel=1e-3)  # without the gap; times are rounded
+    shifted = dataclasses.replace(whole, positions_m=whole.positions_m + np.array([0.0, 0.0, 0.02]))
+    of_file, of_result = evaluate(loaded, shifted), evaluate(gone, shifted)
+    assert of_file.mpjpe_absolute_mm == pytest.approx(20.0)
+    assert (of_file.n_frames, of_file.share_missing) == (17, 0.0)
+    assert (of_result.n_frames, of_result.share_missing) == (20, 3 / 20)
+    np.testing.assert_array_equal(joint_angles(loaded).angle_deg, joint_angles(gone).angle_deg[~gone.absent])
+
+
+@pytest.mark.parametrize(
+    ("numbers", "expected"),
+    [(("1", "2", "4"), [0, 1, 3]), (("0", "5", "6"), [0, 5, 6]), (("7", "8", "9"), [6, 7, 8])]
+    + [
+        (cells, None)
+        for cells in (("1", "1", "2"), ("3", "2", "1"), ("a", "b", "c"), ("", "", ""), ("1", "2", "9" * 30))
+    ],
+)
+def test_frame_numbers_of_a_trc_are_kept_where_they_increase(tmp_path, numbers, expected):
+    text = LENIENT
+    for old, new in zip(("\n0\t0.0\t", "\n1\t0.01\t", "\n2\t0.02\t"), numbers, strict=True):
+        text = text.replace(old, f"\n{new}\t" + old.split("\t", 1)[1])
+    (tmp_path / "other.trc").write_text(text)
+    found = load_trajectory(tmp_path / "other.trc").frame_numbers
+    assert (None if found is None else found.tolist()) == expected
