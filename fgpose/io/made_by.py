@@ -22,6 +22,7 @@ _END_BYTES = 4096
 _PAGE_HEAD_BYTES = 4096
 _PAGE = b'<meta name="generator" content="fgpose '
 _SAID = re.compile(rb'made by fgpose ([a-z]+)(?: from "([^"]+)")?')
+_ANGLES = "angles"
 _DETECT = "detect"
 _REPORT = "report"
 
@@ -67,7 +68,8 @@ def _of_table(path: Path) -> tuple[str, str]:
         # Before there was a step, there was the command.
         step = origin.step or (re.findall(r"^fgpose ([a-z]+)", origin.command) or [""])[0]
         return step, origin.recording
-    return "", ""
+    # Tables of older versions say what is in them alone.
+    return (_ANGLES, "") if {"kind", "name", "value", "unit"} <= column_names(path) else ("", "")
 
 
 def _of_archive(path: Path) -> tuple[str, str]:

@@ -30,7 +30,8 @@ class InputFile:
     """A file, or a folder, that a result was made from."""
 
     what: str
-    """Keypoints, Calibration or Videos; Video of a single one; or what a step of a study began from."""
+    """Keypoints, Calibration or Videos; Video of a single one; the Result that angles are of; or what a step of a study
+    began from."""
     path: str
     """In a file relative to the folder of the result, in memory absolute."""
     size_bytes: int
@@ -86,8 +87,8 @@ class Origin:
 
     @property
     def recording(self) -> str:
-        """Path of the keypoints or else the videos; empty if there are none."""
-        seen = self.input_file("Keypoints") or self.input_file("Videos")
+        """Path of the keypoints, or else the videos, or the result; empty if there are none."""
+        seen = self.input_file("Keypoints") or self.input_file("Videos") or self.input_file("Result")
         return "" if seen is None else seen.path
 
     def maker(self, folder: Path) -> str:

@@ -52,6 +52,8 @@ class OutputError(NotWrittenError):
 def _said(target: Path | str, error: Exception) -> str:
     if isinstance(error, NotWrittenError):
         return str(error)
+    if str(error).startswith(f"{target}:"):
+        return f"cannot write {error}"
     return str(not_written(target, error if str(error) else type(error).__name__))
 
 

@@ -15,13 +15,14 @@ from fgpose.io.calibration import CalibrationOrigin, save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.made_by import made_by
 from fgpose.io.origin import InputFile, Origin
+from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import save_people, save_trajectory
 from fgpose.observations import Observations
 from fgpose.pipeline import Outputs
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 from fgpose.viewer import open_recording
-from fgpose_benchmarks.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig, walking
 
 STICK = Skeleton("stick", ("hip", "knee"), bones=((0, 1),), root=(0,))
 FORMATS = ("parquet", "npz", "trc", "c3d", "rrd")
@@ -149,7 +150,7 @@ def test_commands_do_not_replace_results_of_others(
     assert "walk.npz is there already, and fgpose smooth made it: fgpose refine does not" in capsys.readouterr().err
     result = str(tmp_path / "out" / "walk.parquet")
     assert main(["angles", result, "-o", result]) == 2
-    assert "walk.parquet: angles would replace a result" in capsys.readouterr().err
+    assert "walk.parquet would replace an input; choose another file with -o" in capsys.readouterr().err
     monkeypatch.undo()
     assert main(["refine", *arguments, "--formats", "npz"]) == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"walk.parquet", "walk.npz", "walk_refined.npz"}
@@ -216,3 +217,56 @@ def test_what_the_live_demonstration_advises_replaces_nothing(
     write_result(tmp_path / "demo_live.rrd", Origin(step="live"))
     with pytest.raises(ValueError, match="fgpose live made it"):
         Outputs(tmp_path, "demo_live", ("rrd",), step="smooth").check(("smoothed",))
+
+
+def _walk(path: Path) -> Path:
+    positions_m = walking(4, 50.0)
+    status = np.full(positions_m.shape[:2], Status.OBSERVED)
+    save_trajectory(Trajectory(load_skeleton("h36m_17"), np.arange(4) / 50, positions_m, status), path)
+    return path
+
+
+@pytest.mark.parametrize("extension", [".parquet", ".mot", ".c3d", ".csv", ".bvh"])
+def test_files_of_angles_are_those_of_a_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], extension: str
+) -> None:
+    """CSV and BVH have no place for what made them."""
+    one, other = str(_walk(tmp_path / "one.parquet")), str(_walk(tmp_path / "other.parquet"))
+    path = tmp_path / f"angles{extension}"
+    says = extension not in (".csv", ".bvh")
+    path.write_text("somebody's own")
+    assert main(["angles", one, "-o", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert f"{path} is there already, and it does not say what made it" in said
+    assert "choose another file with -o, or remove it" in said
+    assert path.read_text() == "somebody's own"
+    path.unlink()
+    assert main(["angles", one, "-o", str(path)]) == 0
+    assert made_by(path) == ("angles" if says else "")
+    assert main(["angles", one, "-o", str(path)]) == (0 if says else 2)
+    assert main(["angles", other, "-o", str(path)]) == 2
+    assert ("made from another recording" if says else "does not say") in capsys.readouterr().err
+
+
+def test_a_table_of_angles_beside_a_file_that_says_nothing(tmp_path: Path) -> None:
+    result, table, bvh = str(_walk(tmp_path / "one.parquet")), tmp_path / "angles.parquet", tmp_path / "angles.bvh"
+    both = ["angles", result, "-o", str(table), "-o", str(bvh)]
+    assert [main(both), main(both)] == [0, 0]
+    elsewhere = tmp_path / "elsewhere.bvh"
+    elsewhere.write_text("somebody's own")
+    assert main(["angles", result, "-o", str(table), "-o", str(elsewhere)]) == 2
+    assert elsewhere.read_text() == "somebody's own"
+
+
+def test_angles_of_each_person_are_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    walk = fgpose.load_trajectory(_walk(tmp_path / "one.parquet"))
+    save_people({1: walk, 2: walk}, tmp_path / "two.parquet")
+    (tmp_path / "walk_person2.mot").write_text("somebody's own")
+    assert main(["angles", str(tmp_path / "two.parquet"), "-o", str(tmp_path / "walk.mot")]) == 2
+    assert "walk_person2.mot is there already" in capsys.readouterr().err
+
+
+def test_a_table_of_angles_of_older_versions_is_one(tmp_path: Path) -> None:
+    walk = fgpose.load_trajectory(_walk(tmp_path / "one.parquet"))
+    fgpose.files.save_kinematics(walk, tmp_path / "angles.parquet", "z")
+    assert made_by(tmp_path / "angles.parquet") == "angles"

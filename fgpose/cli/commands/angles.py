@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from tyro.conf import Positional, UseAppendAction, arg
@@ -15,9 +17,13 @@ from fgpose.geometry.up_axis import UpChoice
 from fgpose.plain_files import naming
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from fgpose.kinematics.angles import JointAngles
+    from fgpose.trajectory import Trajectory
+
+_REMEDY = "choose another file with -o"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +40,7 @@ class Angles:
     Each -o FILE is written as its extension says: .parquet and .csv have angles, speeds and heights with their standard
     deviations, one row for each; .mot has the coordinates of OpenSim; .bvh is for Blender; .c3d has the rotations of
     the segments beside the points. Of several people, each has files of its own (walk_person1.mot), but all are in one
-    table.
+    table. A file that is there is replaced if it says that it is of this command and result.
 
     Example: fgpose angles out/walk.parquet -o walk.mot -o walk.bvh
     """
@@ -47,33 +53,54 @@ class Angles:
     """What is up in the world of the file: +x, -x, +y, -y, +z or -z; auto: as its format says, unless people (and
     cameras, which a parquet of fgpose knows) stand otherwise."""
 
+    step: ClassVar[str] = "angles"
+
     def run(self) -> None:
-        from fgpose.io.made_by import made_by
+        from fgpose.io.made_by import refuse_inputs
         from fgpose.io.trajectories import load_upright
-        from fgpose.io.trajectories.kinematics import check_kinematics_output, save_kinematics
+        from fgpose.io.trajectories.kinematics import check_kinematics_output
         from fgpose.kinematics.angles import joint_angles
 
         for path in self.output:
             check_kinematics_output(path)
-            if os.path.realpath(path) == os.path.realpath(self.file) or (path.is_file() and made_by(path)):
-                raise ValueError(f"{path}: angles would replace a result; choose another file with -o")
+        refuse_inputs(self.output, [self.file], _REMEDY)
         (people, _), console = load_upright(self.file, self.world_up), new_console()
+        self._check(people)
         for person, trajectory in people.items():
             with naming(self.file):
                 angles = joint_angles(trajectory)
             whose = f"person {person}, " if len(people) > 1 else ""
             console.print(f"{whose}{trajectory.n_frames} frames, skeleton {trajectory.skeleton.name}")
             console.print(ranges_table(angles))
-        failed: dict[Path | str, Exception] = {}
-        for path in self.output:
-            try:
-                print_written(console, *save_kinematics(people, path, "z"))
-            except OSError as error:
-                failed[path] = error
-        if failed:
-            from fgpose.pipeline import OutputError
+        if self.output:
+            self._write(people, console)
 
-            raise OutputError(failed, tuple(path for path in self.output if path not in failed))
+    def _check(self, people: Mapping[int, Trajectory]) -> None:
+        """Raise ValueError before any work where a format cannot hold them, or a file is there that is not of this
+        command and this result."""
+        from fgpose.io.made_by import refuse_others
+        from fgpose.io.trajectories.kinematics import check_kinematics_output, kinematics_paths
+
+        of_a_name: dict[Path, list[Path]] = {}
+        for path in self.output:
+            check_kinematics_output(path, people.values())
+            for own in kinematics_paths(path, people):
+                of_a_name.setdefault(own.with_suffix(""), []).append(own)
+        for paths in of_a_name.values():
+            refuse_others(paths, self.step, self.file, f"{_REMEDY}, or remove it")
+
+    def _write(self, people: Mapping[int, Trajectory], console: Console) -> None:
+        """All files that can be written. Raises OutputError that names the others."""
+        from fgpose.io.origin import Origin, input_file
+        from fgpose.io.trajectories.kinematics import save_kinematics
+        from fgpose.pipeline.outputs import write_all
+
+        origin = Origin((input_file("Result", self.file),), step=self.step, fgpose=version("fgpose"))
+
+        def write(path: Path) -> None:
+            print_written(console, *save_kinematics(people, path, "z", origin))
+
+        write_all({path: partial(write, path) for path in self.output})
 
 
 def ranges_table(angles: JointAngles) -> Table:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,19 +15,22 @@ from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
 from fgpose.io.atomic import check_replaceable, write_text
 from fgpose.io.content import first_bytes
 from fgpose.io.names import own_paths
+from fgpose.io.origin import Origin, origin_to_json
 from fgpose.io.tables import (
     file_metadata,
     metadata,
     names,
     nullable,
     numbers,
+    one_line,
     read_table,
     whole_numbers,
     write_csv,
     write_table,
 )
 from fgpose.io.trajectories.bvh import write_bvh
-from fgpose.io.trajectories.c3d import ROTATION_LABEL, require_ezc3d, write_c3d
+from fgpose.io.trajectories.c3d import ROTATION_LABEL, check_frames, require_ezc3d, write_c3d
+from fgpose.io.trajectories.parquet import ORIGIN_KEY
 from fgpose.io.trajectories.result_table import frame_numbers, numbered
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
@@ -50,11 +53,15 @@ _Quantities = tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], F
 _COLUMNS = ("time_s", "frame", "person", "kind", "name", "value", "sigma", "unit")
 
 
-def check_kinematics_output(path: str | Path) -> None:
+def check_kinematics_output(path: str | Path, people: Collection[Trajectory] = ()) -> None:
     """Make sure, before any work is done, that save_kinematics will be able to write a file; its folder is made.
 
+    Args:
+        path: the file.
+        people: who will be in it, where that is known.
+
     Raises:
-        ValueError: the extension is none of EXTENSIONS.
+        ValueError: the extension is none of EXTENSIONS, or the format cannot hold so many frames.
         ImportError: a C3D file is wanted and ezc3d is not installed.
         OSError: the folder cannot be written into, or what has its name is no plain file.
     """
@@ -64,6 +71,8 @@ def check_kinematics_output(path: str | Path) -> None:
         raise ValueError(f"{path}: kinematics are written as {', '.join(EXTENSIONS)}, not as {extension or 'nothing'}")
     if extension == ".c3d":
         require_ezc3d()
+        for trajectory in people:
+            check_frames(trajectory.n_frames, path)
     check_replaceable(path)
 
 
@@ -76,12 +85,21 @@ def holds_kinematics(path: Path) -> bool:
             except (ValueError, OSError):
                 return False
         case ".c3d":
-            return ROTATION_LABEL.encode() in first_bytes(path, _HEAD_BYTES)
+            head = first_bytes(path, _HEAD_BYTES)
+            return ROTATION_LABEL.encode() in head or b"made by fgpose angles" in head
     return False
 
 
+def kinematics_paths(path: Path, people: Collection[int]) -> tuple[Path, ...]:
+    """The files that save_kinematics writes of people with these numbers: a table, or one for each."""
+    return (path,) if path.suffix.lower() in _TABLES else own_paths(path, people)
+
+
 def save_kinematics(
-    people: Mapping[int, Trajectory] | Trajectory, path: str | Path, world_up: UpChoice | WorldUp = "auto"
+    people: Mapping[int, Trajectory] | Trajectory,
+    path: str | Path,
+    world_up: UpChoice | WorldUp = "auto",
+    origin: Origin | None = None,
 ) -> tuple[Path, ...]:
     """Write what follows from trajectories in the format that the extension names.
 
@@ -96,6 +114,8 @@ def save_kinematics(
         people: by number, or one.
         path: the file; of several people the formats other than tables have one each, NAME_person1.mot.
         world_up: what is up in the trajectories' world; auto: as the bodies stand, see find_up.
+        origin: what they were made from; parquet keeps it, .mot and .c3d which command made them. CSV and BVH have no
+            place for it.
 
     Warns:
         UserWarning: auto found another axis up than z, or is in doubt; or some of several people, who have no body to
@@ -115,17 +135,18 @@ def save_kinematics(
     if not people:
         raise ValueError(f"{path}: there is nobody to be written")
     with naming(path):
-        return _write(people, path, resolved_up(people.values(), world_up, path))
+        return _write(people, path, resolved_up(people.values(), world_up, path), origin)
 
 
-def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> tuple[Path, ...]:
+def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp, origin: Origin | None) -> tuple[Path, ...]:
     if path.suffix.lower() in _TABLES:
-        _write_table(people, path, world_up)
+        _write_table(people, path, world_up, origin)
         return (path,)
+    made_by = "" if origin is None else origin.maker(path.parent)
     written, without = [], []
-    for own_path, trajectory in zip(own_paths(path, people), people.values(), strict=True):
+    for own_path, trajectory in zip(kinematics_paths(path, people), people.values(), strict=True):
         try:
-            _write_one(trajectory, own_path, world_up)
+            _write_one(trajectory, own_path, world_up, made_by)
             written.append(own_path)
         except ValueError as error:
             without.append(error)
@@ -136,17 +157,17 @@ def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> t
     return tuple(written)
 
 
-def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp) -> None:
+def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp, made_by: str) -> None:
     match path.suffix.lower():
         case ".mot":
-            write_mot(opensim_coordinates(trajectory, world_up), trajectory.time_s, path)
+            write_mot(opensim_coordinates(trajectory, world_up), trajectory.time_s, path, made_by)
         case ".bvh":
             write_bvh(trajectory, path, world_up)
         case ".c3d":
-            write_c3d(trajectory, path, world_up, rotations=True)
+            write_c3d(trajectory, path, world_up, made_by, rotations=True)
 
 
-def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> None:
+def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp, origin: Origin | None) -> None:
     import pyarrow as pa
 
     frames = frame_numbers(people)
@@ -158,7 +179,8 @@ def _write_table(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp
         write_csv(path, tables)
         return
     table = pa.concat_tables(tables).unify_dictionaries().combine_chunks()
-    write_table(path, table.replace_schema_metadata({_UNITS_KEY: json.dumps(UNITS)}))
+    known = {} if origin is None else {ORIGIN_KEY: origin_to_json(origin, path.parent)}
+    write_table(path, table.replace_schema_metadata({_UNITS_KEY: json.dumps(UNITS)} | known))
 
 
 def quantities_table(quantities: Quantities) -> pa.Table:
@@ -240,8 +262,11 @@ def _angles_of(table: pa.Table) -> JointAngles:
     return JointAngles(labels, column("time_s")[:, 0], column("value"), column("sigma"), frame)
 
 
-def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:
-    """Write coordinates with the header of OpenSim 4: angles in degrees, lengths in metres.
+def write_mot(
+    coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path, made_by: str = ""
+) -> None:
+    """Write coordinates with the header of OpenSim 4: angles in degrees, lengths in metres. made_by: see Origin.maker;
+    it is said there too.
 
     OpenSim's Storage, with which its GUI opens motions, stops reading at the first value that is no number. So values
     are interpolated in time where they are NaN, at the ends the nearest one is held, and coordinates that are never
@@ -257,7 +282,8 @@ def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np
     time_s = np.asarray(time_s, dtype=float)
     table = np.column_stack([time_s, *(_without_gaps(values, time_s) for values in known.values())])
     header = ["Coordinates", "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}", "inDegrees=yes", ""]
-    header += ["Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", "", "endheader"]
+    header += ["Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", ""]
+    header += [*([one_line(f"made by fgpose {made_by}"), ""] if made_by else []), "endheader"]
     # Tabs, and numbers as short as they read back the same.
     rows = ["\t".join(map(repr, row)) for row in table.tolist()]
     write_text(path, "\n".join([*header, "\t".join(["time", *known]), *rows]) + "\n")

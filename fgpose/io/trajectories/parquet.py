@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 _PREFIX = "fgpose."
 _ORIGIN = "origin"
+ORIGIN_KEY = _PREFIX + _ORIGIN
+"""Of the metadata of a file that says what it was made from."""
 _HAS_COVARIANCE = "has_covariance"
 
 
@@ -117,7 +119,7 @@ def read_origin(path: Path) -> Origin | None:
         ValueError: the file, or what it says, is damaged.
         OSError: it cannot be opened.
     """
-    text = file_metadata(path).get(_PREFIX + _ORIGIN)
+    text = file_metadata(path).get(ORIGIN_KEY)
     return None if text is None else origin_from_json(text, path.parent)
 
 

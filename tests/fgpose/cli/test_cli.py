@@ -318,18 +318,21 @@ def test_angles_are_written_where_they_can_be(
 ) -> None:
     rig, observations = load_recording("balance_openpose")
     save_trajectory(smooth(observations.frames(slice(0, 3)), rig), tmp_path / "walk.parquet")
-    full, other = tmp_path / "full.csv", tmp_path / "angles.csv"
+    full, nobody, other = tmp_path / "full.csv", tmp_path / "nobody.bvh", tmp_path / "angles.csv"
 
-    def save(people: object, path: Path, up: object) -> tuple[Path, ...]:
+    def save(people: object, path: Path, up: object, origin: object) -> tuple[Path, ...]:
         if path == full:
             raise OSError(errno.ENOSPC, "No space left on device")
+        if path == nobody:
+            raise ValueError(f"{path}: hips and shoulders are known in no frame")
         return (path,)
 
     monkeypatch.setattr("fgpose.io.trajectories.kinematics.save_kinematics", save)
-    assert main(["angles", str(tmp_path / "walk.parquet"), "-o", str(full), "-o", str(other)]) == 1
+    assert main(["angles", str(tmp_path / "walk.parquet"), "-o", str(full), "-o", str(nobody), "-o", str(other)]) == 1
     printed = capsys.readouterr()
     assert f"wrote {other}" in printed.out.replace("\n", "")
     assert f"cannot write {full}: No space left on device" in printed.err
+    assert f"cannot write {nobody}: hips and shoulders are known in no frame" in printed.err
 
 
 @pytest.mark.filterwarnings("default:2 of 3 windows were solved")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from small_files import walk
 
+from fgpose.cli import main
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import c3d, load_trajectory, save_trajectory
 from fgpose.io.trajectories.kinematics import save_kinematics
@@ -109,3 +110,16 @@ def test_gaps_of_more_frames_than_a_file_holds_are_closed(tmp_path: Path) -> Non
     ):
         save_trajectory(replace(walk(), time_s=steps_s), tmp_path / "walk.c3d", "z")
     assert load_trajectory(tmp_path / "walk.c3d", file_up="z").n_frames == 4
+
+
+def test_angles_of_too_many_frames_are_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_trajectory(walk(), tmp_path / "walk.npz")
+    monkeypatch.setattr(c3d, "_MAX_FRAMES", walk().n_frames - 1)
+    outputs = [str(tmp_path / f"angles.{extension}") for extension in ("mot", "c3d")]
+    assert main(["angles", str(tmp_path / "walk.npz"), "-o", outputs[0], "-o", outputs[1]]) == 2
+    printed = capsys.readouterr()
+    assert "angles.c3d: C3D holds at most 3 frames, this is 4" in printed.err
+    assert not printed.out
+    assert [path.name for path in tmp_path.iterdir()] == ["walk.npz"]
