@@ -45,7 +45,8 @@ class Quality:
     views: float
     """Mean number of cameras that see a joint."""
     longest_gap_s: float
-    """Longest time for which fewer than two cameras saw one of the joints, between two frames in which two did."""
+    """Longest time for which fewer than two cameras saw one of the joints, from the first frame in which its person is
+    there to the last; all of it for a joint that is never seen. Whoever goes and comes back is not seen meanwhile."""
     reprojection_px: float
     """Median reprojection error of all detections, undistorted pixels."""
     reprojection_q90_px: float
@@ -110,7 +111,7 @@ def quality(recording: FinishedRecording) -> Quality:
         seen_share=float(np.mean(status == Status.OBSERVED)),
         predicted_share=float(np.mean(status == Status.PREDICTED)),
         unobservable_share=float(np.mean(status == Status.UNOBSERVABLE)),
-        longest_gap_s=max((gap for each in everybody for gap in _gaps_s(each)), default=0.0),
+        longest_gap_s=max(_longest_gap_s(each) for each in everybody),
         converged=all(converged) if converged else None,
         **_of_residuals(everybody),
         **_of_covariance(everybody),
@@ -134,11 +135,16 @@ def _unknown(recording: FinishedRecording) -> Iterator[str]:
         yield "bones"
 
 
-def _gaps_s(trajectory: Trajectory) -> list[float]:
-    """The longest of each joint."""
-    seen = [trajectory.time_s[trajectory.observed[:, joint]] for joint in range(trajectory.skeleton.n_joints)]
-    step_s = 1 / frames_per_second(trajectory.time_s) if trajectory.n_frames > 1 else 0.0
-    return [max(float(np.diff(own_s).max()) - step_s, 0.0) for own_s in seen if len(own_s) > 1]
+def _longest_gap_s(trajectory: Trajectory) -> float:
+    """See longest_gap_s."""
+    there = np.flatnonzero(~trajectory.absent)
+    if len(there) < 2:
+        return 0.0
+    own = trajectory.frames(slice(there[0], there[-1] + 1))
+    step_s = 1 / frames_per_second(own.time_s)
+    before_s, after_s = own.time_s[0] - step_s, own.time_s[-1] + step_s
+    seen_s = (np.array([before_s, *own.time_s[seen], after_s]) for seen in own.observed.T)
+    return max(0.0, max(float(np.diff(each).max()) for each in seen_s) - step_s)
 
 
 def _of_residuals(everybody: list[Trajectory]) -> dict[str, Any]:

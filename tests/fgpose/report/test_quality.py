@@ -51,6 +51,33 @@ def test_somebody_who_has_no_frame_is_refused(walk: FinishedRecording) -> None:
         replace(walk, people={0: person, 3: nothing}, observations={})
 
 
+@pytest.mark.parametrize(
+    ("frames", "gap_frames"),
+    [
+        (slice(100, 130), 30),
+        (slice(0, 20), 20),
+        (slice(260, None), 40),
+        (slice(None), 300),
+        (slice(0), 0),
+    ],
+    ids=["between", "at the beginning", "at the end", "never seen", "always seen"],
+)
+def test_the_longest_time_for_which_a_joint_was_not_seen(
+    walk: FinishedRecording, frames: slice, gap_frames: int
+) -> None:
+    status = walk.main.status.copy()
+    status[frames, 4] = Status.PREDICTED
+    assert quality(changed(walk, status=status)).longest_gap_s == pytest.approx(gap_frames / FPS)
+
+
+def test_before_somebody_comes_nobody_is_unseen(walk: FinishedRecording) -> None:
+    status, positions_m = walk.main.status.copy(), walk.main.positions_m.copy()
+    for nobody in (slice(0, 50), slice(200, 210)):
+        status[nobody], positions_m[nobody] = Status.UNOBSERVABLE, np.nan
+    judged = quality(changed(walk, status=status, positions_m=positions_m))
+    assert judged.longest_gap_s == pytest.approx(10 / FPS)
+
+
 def test_what_is_not_known_is_nan(walk: FinishedRecording) -> None:
     bare = Trajectory(walk.main.skeleton, walk.main.time_s, walk.main.positions_m, walk.main.status)
     judged = quality(FinishedRecording("bare", {0: bare}))
