@@ -94,6 +94,11 @@ def frames_per_second(time_s: Float[np.ndarray, " frame"]) -> float:
     return float(1 / np.mean(steps_s[of_one_frame])) if of_one_frame.any() else 1 / usual_s
 
 
+def are_gaps(time_s: Float[np.ndarray, " frame"]) -> Bool[np.ndarray, " step"]:
+    """Which of the steps from frame to frame are longer than one frame: others are missing there."""
+    return np.diff(time_s) > _LONGEST_STEPS * usual_step_s(time_s)
+
+
 def forward(frames: Any) -> Any:
     """The same frames, as an array is indexed by them. Raises ValueError for a slice that goes back in time."""
     if isinstance(frames, slice) and frames.step is not None and frames.step < 0:

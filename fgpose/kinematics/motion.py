@@ -6,13 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.up_axis import WorldUp, z_up
+from fgpose.sampling import are_gaps
 from fgpose.skeleton import Skeleton
 
 
 def speeds_m_s(
     positions_m: Float[np.ndarray, "frame ... 3"], time_s: Float[np.ndarray, " frame"]
 ) -> Float[np.ndarray, "frame ..."]:
-    """Speed of every joint by second-order central differences (one-sided at both ends); NaN in a gap and beside it.
+    """Speed of every joint by second-order central differences (one-sided at both ends); NaN in a gap and beside it,
+    where frames are missing too.
 
     Raises:
         ValueError: the times do not increase.
@@ -21,7 +23,9 @@ def speeds_m_s(
         raise ValueError("time_s must increase to have speeds")
     if len(time_s) < 2:
         return np.full(positions_m.shape[:-1], np.nan)
-    known = np.isfinite(positions_m).all(axis=-1)
+    gaps = are_gaps(time_s)
+    beside = np.concatenate([[False], gaps]) | np.concatenate([gaps, [False]])
+    known = np.isfinite(positions_m).all(axis=-1) & ~beside.reshape(-1, *(1,) * (positions_m.ndim - 2))
     # At even times the difference of the neighbours says nothing of the frame itself.
     return np.where(known, np.linalg.norm(np.gradient(positions_m, time_s, axis=0), axis=-1), np.nan)
 

@@ -31,7 +31,7 @@ class JointSpeeds(Quantities):
     suffix: ClassVar[str] = "speed_m_s"
 
     speed_m_s: Float[np.ndarray, "frame joint"]
-    """NaN in a gap and beside it."""
+    """NaN in a gap and beside it, where frames are missing too."""
     frame_numbers: Int[np.ndarray, " frame"] | None = None
     """Those of the trajectory."""
 

@@ -62,7 +62,7 @@ class Quality:
     bone_asymmetry_share: float
     """Largest difference of a left limb's median length to its right one's, relative to their mean."""
     max_speed_mps: float
-    """Largest speed of the root of a body from frame to frame."""
+    """Largest speed of the root of a body from frame to frame, across gaps too."""
     converged: bool | None
     """Whether the optimiser ended by itself; None: not known."""
     suspicions: tuple[Finding, ...] = ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,8 @@ def _write(
     rig = None if origin is None else origin.rig
     up = resolved_up(people.values(), world_up, path, rig) if extension in (".trc", ".c3d") else "z"
     paths = people_paths(path, people)
-    for own_path, trajectory in zip(paths, people.values(), strict=True):
+    numbered_people = [replace(each, frame_numbers=frames[person]) for person, each in people.items()]
+    for own_path, trajectory in zip(paths, numbered_people, strict=True):
         match extension:
             case ".npz":
                 write_npz(trajectory, own_path, made_by)
@@ -120,8 +122,8 @@ def save_people(
     """Write the trajectories of people as save_trajectory that of one: one table as .parquet or .csv; a .npz, .trc or
     .c3d for each, NAME_person1.trc, where there are several.
 
-    The table is that of one person (write_parquet), with the number of each in the column person. Frame numbers are
-    those of the recording: the place of a time among all times.
+    The table is that of one person (write_parquet), with the number of each in the column person. Frame numbers, which
+    npz and TRC have too, are those of the recording: the place of a time among all times.
 
     Args:
         trajectories: by the number of the person, from 0.
@@ -147,7 +149,6 @@ def save_people(
         )
     if _extension(path) not in _TABLES:
         check_output(path)
-        return _write(trajectories, {}, path, world_up, origin)
     with naming(path):
         return _write(trajectories, frame_numbers(trajectories, time_s), path, world_up, origin)
 

@@ -60,6 +60,15 @@ def test_a_result_that_is_saved_again_keeps_its_numbers(result: Path, tmp_path: 
     assert frames_of(tmp_path / "again.parquet") == NUMBERS.tolist()
 
 
+@pytest.mark.parametrize("extension", [".npz", ".trc"])
+def test_files_of_one_person_have_the_numbers_of_the_table(late: Trajectory, tmp_path: Path, extension: str) -> None:
+    path = tmp_path / f"late{extension}"
+    save_people({3: late}, path, time_s=TIME_S)
+    np.testing.assert_array_equal(load_trajectory(path).frame_numbers, NUMBERS)
+    save_trajectory(late, path)  # whose numbers are not known
+    np.testing.assert_array_equal(load_trajectory(path).frame_numbers, np.arange(late.n_frames))
+
+
 @pytest.mark.parametrize("form", ["long", "wide"])
 def test_tables_in_python_have_them_too(result: Path, form) -> None:
     motion = load_trajectory(result)
