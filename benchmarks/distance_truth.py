@@ -153,8 +153,8 @@ class Judge:
         people = tuple(_exactly(who, joints_m) for who, joints_m in enumerate(people_m))
         frame = LiveFrame(0, now_s, now_s, self._skeleton, people, (), 1.0, now_s - 60.0)
         poses = np.stack([world_T_arm if link.name == "arm" else np.eye(4) for link in CELL.links])
-        nowhere_else = np.zeros(people_m.shape[:2])
-        expected_m = self._monitor._measured(frame, nowhere_else, poses, 0.0).expected_m.min(axis=(0, 1))
+        places = self._monitor._reach.places(frame, np.zeros(people_m.shape[:2]))
+        expected_m = self._monitor._measured(places, poses, 0.0).expected_m.min(axis=(0, 1))
         return {link.name: float(each_m) for link, each_m in zip(CELL.links, expected_m, strict=True)}
 
 

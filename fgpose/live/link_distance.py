@@ -23,7 +23,8 @@ class LinkDistance:
     """Smallest distance of any person's surface, less the quantile and what a person can walk in the age of the data;
     negative: they may overlap. inf: nobody is there. -inf: anybody may be anywhere."""
     expected_m: float
-    """Of the same part of the body, without these allowances."""
+    """Of the same part of the body, without these allowances. Where a joint of it has no place, that of the nearest one
+    is taken that has."""
     person: int | None
     """Whose distance it is; None: nobody's."""
     part: str

@@ -6,9 +6,9 @@ slowing down out of courtesy, and for seeing what a rated device would have to c
 
 A person is a set of capsules (body). Each is taken to be nearer than expected by a quantile of the error of its joints
 along the line to the link (clearance) or, where fewer than two cameras see a joint, by what it can have moved since two
-did (unseen); and by what a person can walk or reach in the age of the data, with the speeds of ISO 13855. The links are
-taken to be where the given poses put them: how far the robot moves before it stops is left to the caller (S_robot and
-S_stop of ISO 10218-2).
+did (unseen), or as far as bones reach if it has no place (reach); and by what a person can walk or reach in the age of
+the data, with the speeds of ISO 13855. The links are taken to be where the given poses put them: how far the robot
+moves before it stops is left to the caller (S_robot and S_stop of ISO 10218-2).
 
 What may be said without a fault is decided in one place (assurance). A fault is latched: it stays, with its
 first reason, until reset() is called, also when its cause is gone.
@@ -23,7 +23,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
@@ -34,6 +34,7 @@ from fgpose.robot.body import ARM, Body
 from fgpose.robot.cell import Cell
 from fgpose.robot.clearance import Axes, clearance
 from fgpose.robot.links import PlacedLinks, world_poses
+from fgpose.robot.reach import Places, Reach
 from fgpose.robot.unseen import Unseen
 from fgpose.skeleton import Skeleton
 
@@ -49,14 +50,18 @@ class _Measured:
     """A frame against the links: everybody's capsules and each link's nearest shape."""
 
     least_m: Float[np.ndarray, "person capsule link"]
-    """inf where a capsule has no place because a joint is missing."""
+    """-inf where nothing tells."""
     expected_m: Float[np.ndarray, "person capsule link"]
+    """inf where nothing tells."""
     along: Float[np.ndarray, "person capsule link"]
+    is_known: Bool[np.ndarray, "person capsule"]
+    """Whether all joints of a capsule have a place; else those that have none are taken to be where others are."""
 
     @cached_property
     def without_place(self) -> list[int]:
-        """People of whom no capsule is known."""
-        return np.flatnonzero(np.isinf(self.expected_m).all(axis=(1, 2))).tolist()
+        """People of whom no capsule is known, or who may be anywhere."""
+        is_anywhere = np.isneginf(self.least_m).any(axis=(1, 2))
+        return np.flatnonzero(is_anywhere | ~self.is_known.any(axis=1)).tolist()
 
 
 class DistanceMonitor:
@@ -81,8 +86,8 @@ class DistanceMonitor:
         self._links = PlacedLinks(cell, rig)
         self._camera_names = rig.names
         self._unseen = Unseen(skeleton, cell.limits)
-        self._newest: tuple[LiveFrame, Float[np.ndarray, "person joint"]] | None = None
-        """With how far joints may be from where they are predicted."""
+        self._reach = Reach(self._body, skeleton.n_joints)
+        self._newest: tuple[LiveFrame, Places] | None = None
         self._ok_since_s: dict[str, float] = {}
         """Of the cameras that are: from when they were published so."""
         self._faults: dict[int, DistanceFault] = {}
@@ -102,7 +107,7 @@ class DistanceMonitor:
             for camera in frame.cameras
             if camera.state is CameraState.OK
         }
-        self._newest = frame, self._unseen.away_m(frame)
+        self._newest = frame, self._reach.places(frame, self._unseen.away_m(frame))
 
     def close(self) -> None:
         """Does nothing: there is nothing to close."""
@@ -132,7 +137,7 @@ class DistanceMonitor:
         if newest is None or frame is None:
             measured, incomplete = None, _nobody(len(links))
         else:
-            measured = self._measured(*newest, world_T_link, max(now_s - taken_s(frame), 0.0))
+            measured = self._measured(newest[1], world_T_link, max(now_s - taken_s(frame), 0.0))
             incomplete = self._incomplete(frame, measured)
             self._approach.add(frame, measured.expected_m.min(axis=1))
         now_ok = {name for name, since_s in self._ok_since_s.items() if now_s - since_s >= FOUND_S}
@@ -186,38 +191,38 @@ class DistanceMonitor:
     def _observed_share(self, ok: Collection[str], link: int, world_T_link: Float[np.ndarray, "4 4"]) -> float:
         return self._links.observed_share(link, world_T_link, np.array([name in ok for name in self._camera_names]))
 
-    def _measured(
-        self,
-        frame: LiveFrame,
-        away_m: Float[np.ndarray, "person joint"],
-        world_T_link: Float[np.ndarray, "link 4 4"],
-        age_s: float,
-    ) -> _Measured:
+    def _measured(self, places: Places, world_T_link: Float[np.ndarray, "link 4 4"], age_s: float) -> _Measured:
         body, n_links = self._body, len(self._links.links)
-        if not frame.people:
-            return _Measured(*(np.zeros((0, len(body.parts), n_links)) for _ in range(3)))
-        positions_m = np.stack([person.positions_m for person in frame.people])
-        covariance_m2 = np.stack([person.covariance_m2 for person in frame.people])
-        known = np.asarray(np.isfinite(positions_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1)))
-        has_place = known[:, body.joints].all(axis=(-2, -1))
+        has_place = np.isfinite(places.away_m)[:, body.joints].all(axis=(-2, -1))
         person, capsule = np.nonzero(has_place)
-        axes = Axes(
-            body.ends_m(positions_m)[person, capsule],
-            covariance_m2[person[:, None, None], body.joints[capsule]],
-            body.radius_m[capsule],
-            body.is_sphere[capsule],
+        of_shapes = clearance(
+            self._axes(places, person, capsule), self._links.shapes(world_T_link), self._limits.quantile
         )
-        of_shapes = clearance(axes, self._links.shapes(world_T_link), self._limits.quantile)
-        arrays = [np.full((len(positions_m), len(body.parts), n_links), np.inf) for _ in range(3)]
+        least_m = np.full((*has_place.shape, n_links), -np.inf)
+        expected_m, along = np.full_like(least_m, np.inf), np.zeros_like(least_m)
         for link in range(n_links):
             shapes = np.flatnonzero(self._links.link_of_shape == link)
             best = shapes[of_shapes.least_m[:, shapes].argmin(axis=1)]
-            for array, values in zip(arrays, (of_shapes.least_m, of_shapes.expected_m, of_shapes.along), strict=True):
-                array[person, capsule, link] = values[np.arange(len(best)), best]
-        least_m, expected_m, along = arrays
-        unseen_m = away_m[:, body.joints].max(axis=(-2, -1))
-        least_m = np.minimum(least_m, expected_m - unseen_m[..., None])
-        return _Measured(least_m - self._speed_m_s[:, None] * age_s, expected_m, along)
+            of_best = np.arange(len(best)), best
+            least_m[person, capsule, link] = of_shapes.least_m[of_best]
+            expected_m[person, capsule, link] = of_shapes.expected_m[of_best]
+            along[person, capsule, link] = of_shapes.along[of_best]
+        unseen_m = places.away_m[:, body.joints].max(axis=(-2, -1))[person, capsule, None]
+        least_m[person, capsule] = np.minimum(least_m[person, capsule], expected_m[person, capsule] - unseen_m)
+        least_m -= self._speed_m_s[:, None] * age_s
+        is_known = np.asarray(places.is_known[:, body.joints].all(axis=(-2, -1)))
+        # Whatever is not a number may be anywhere.
+        return _Measured(np.where(np.isnan(least_m), -np.inf, least_m), expected_m, along, is_known)
+
+    def _axes(self, places: Places, person: Int[np.ndarray, " row"], capsule: Int[np.ndarray, " row"]) -> Axes:
+        """Of these capsules of these people."""
+        body = self._body
+        return Axes(
+            body.ends_m(places.positions_m)[person, capsule],
+            places.covariance_m2[person[:, None, None], body.joints[capsule]],
+            body.radius_m[capsule],
+            body.is_sphere[capsule],
+        )
 
     def _incomplete(self, frame: LiveFrame, measured: _Measured) -> list[list[str]]:
         """By link, the people near it, or anywhere, of whom joints are missing."""
@@ -225,9 +230,9 @@ class DistanceMonitor:
         for number, person in enumerate(frame.people):
             missing = [self._skeleton.joints[joint] for joint in self._body.missing(person)]
             is_near = measured.expected_m[number].min(axis=0) < self._limits.missing_within_m
-            links = range(len(is_near)) if number in nowhere else np.flatnonzero(is_near).tolist()
-            for link in links if missing else ():
-                incomplete[link].append(f"person {person.person} has no estimate of {', '.join(missing)}")
+            lacks = f"has no estimate of {', '.join(missing)}" if missing else "may be anywhere"
+            for link in np.flatnonzero((is_near & bool(missing)) | (number in nowhere)).tolist():
+                incomplete[link].append(f"person {person.person} {lacks}")
         return incomplete
 
     def _nearest(self, link: int, frame: LiveFrame | None, measured: _Measured | None) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.live.frame import LiveFrame, LivePerson
 from fgpose.robot.cell import Limits
@@ -48,7 +48,7 @@ class Unseen:
 
     def away_m(self, frame: LiveFrame) -> Float[np.ndarray, "person joint"]:
         """Of the people of the next frame: how far each joint may be from where it is said to be; 0 where it is
-        observed or has no place."""
+        observed, inf where it has no place or nothing tells."""
         self._seen = {person.person: self._last_seen(person, frame.time_s) for person in frame.people}
         away_m = [self._away_m(person, frame.time_s) for person in frame.people]
         return np.array(away_m).reshape(-1, len(self._speed_m_s))
@@ -59,10 +59,10 @@ class Unseen:
             before = self._seen.get(person.former)
         if before is None:
             # Who is new has been seen just now; of an arm or leg that was not, nothing is known.
-            never_s = np.full(len(self._speed_m_s), time_s)
+            never_s = np.where(_has_place(person), time_s, -math.inf)
             never_s[self._of_limbs] = -math.inf
             before = _Seen(never_s, person.positions_m)
-        is_seen = person.status == Status.OBSERVED
+        is_seen = (person.status == Status.OBSERVED) & _has_place(person)
         return _Seen(
             np.where(is_seen, time_s, before.time_s),
             np.where(is_seen[:, None], person.positions_m, before.positions_m),
@@ -82,4 +82,8 @@ class Unseen:
             away_m[middle] = min(away_m[middle], away_m[root] + 2 * upper_m)
             of_both_m = away_m[root] + apart_m(root, end) + upper_m + lower_m
             away_m[end] = min(away_m[end], away_m[middle] + 2 * lower_m, of_both_m)
-        return np.where(np.isfinite(positions_m).all(axis=-1), away_m, 0.0)
+        return np.where(_has_place(person), away_m, math.inf)
+
+
+def _has_place(person: LivePerson) -> Bool[np.ndarray, " joint"]:
+    return np.asarray(np.isfinite(person.positions_m).all(axis=-1))
