@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import warnings
 from collections.abc import Callable
 
@@ -88,10 +87,6 @@ class Estimator(Exclusive):
                 '"window", or start a new one and feed it the last few seconds again.'
             )
         return super().__getstate__()
-
-    def __copy__(self) -> Estimator:
-        """As copy.deepcopy: two that share a window would ruin it."""
-        return copy.deepcopy(self)
 
     @property
     @exclusive

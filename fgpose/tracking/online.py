@@ -39,7 +39,8 @@ class Tracker(Exclusive):
     An Estimator of each person who is confirmed gets the detections that are theirs. Time and memory grow with the
     people in the room, not with how long it runs. The estimators share tracking.max_processes processes, which end with
     the tracker: when it is closed, or left as a context. With online.estimate_time_offsets the motion of all people
-    together tells how late each camera is (offsets). Several threads may use it: one waits for the other.
+    together tells how late each camera is (offsets). Several threads may use it: one waits for the other. Copies and
+    pickles need a single process and the window solver.
 
     Args:
         rig, skeleton: of the images; a skeleton may be given by its name.

@@ -36,6 +36,14 @@ class ParallelEstimators:
         self.close = weakref.finalize(self, _close, self._others)
         """Ends the other processes."""
 
+    def __getstate__(self) -> dict[str, object]:
+        if self._others:
+            raise TypeError(
+                "this Tracker cannot be saved or copied: the estimators of some people are in other processes. Choose "
+                "tracking.max_processes = 1, or give its memory() to a new one, which recognises whom it knew."
+            )
+        return dict(vars(self))
+
     @property
     def offsets(self) -> RunningOffsets:
         """What everybody's motion tells of the cameras' clocks, in all processes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 from collections.abc import Callable
 from functools import wraps
@@ -13,13 +14,17 @@ _Self = TypeVar("_Self", bound="Exclusive")
 
 
 class Exclusive:
-    """Its methods that are marked by exclusive wait for each other. The lock is not pickled or copied."""
+    """Its methods that are marked by exclusive wait for each other. The lock is not pickled or copied, and copy.copy is
+    copy.deepcopy: two that share what they change would ruin it."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_lock"}
+
+    def __copy__(self: _Self) -> _Self:
+        return copy.deepcopy(self)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)

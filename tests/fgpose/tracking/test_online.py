@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import copy
+import pickle
 import warnings
 from dataclasses import replace
 
@@ -10,6 +12,7 @@ from crowds import crowd
 import fgpose
 from fgpose.assessment.people import evaluate_people
 from fgpose.people_observations import Detections
+from fgpose.tracking import parallel
 from fgpose_benchmarks.synthetic import CrowdScene
 from tests.states import state_of
 
@@ -257,3 +260,31 @@ def test_bad_images_are_named_and_change_nothing(
         tracker.update([Detections(camera, time_s, np.zeros((1, n_joints, 2)), np.ones((1, n_joints)))])
     assert state_of(tracker) == before
     tracker.update([image for image in first if image.camera == "ring_1"])
+
+
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda tracker: pickle.loads(pickle.dumps(tracker))])
+def test_a_copy_goes_on_by_itself(scene: CrowdScene, again):
+    config = FAST.replace(online={"solver": "window"})
+    images = moments(scene)[:14]
+    with fgpose.Tracker(scene.rig, scene.motion.skeleton, config) as tracker:
+        for each in images[:-2]:
+            tracker.update(each)
+        before, other = state_of(tracker), again(tracker)
+        of_other = [other.update(each) for each in images[-2:]]
+        other.close()
+        assert state_of(tracker) == before
+        for each, one in zip(of_other, [tracker.update(each) for each in images[-2:]], strict=True):
+            assert len(each) == len(one) > 0
+            for a, b in zip(each, one, strict=True):
+                np.testing.assert_array_equal(a.estimate.positions_m, b.estimate.positions_m)
+
+
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_tracker_with_other_processes_says_why_it_is_not_copied(scene: CrowdScene, monkeypatch, again):
+    monkeypatch.setattr(parallel, "n_cores", lambda: 2)
+    config = FAST.replace(tracking={"max_processes": 2})
+    with (
+        fgpose.Tracker(scene.rig, scene.motion.skeleton, config) as tracker,
+        pytest.raises(TypeError, match=r"this Tracker cannot be saved or copied.*tracking\.max_processes = 1"),
+    ):
+        again(tracker)
