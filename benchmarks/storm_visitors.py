@@ -155,6 +155,8 @@ class StandInTracker:
         self._newest: dict[str, tuple[float, ShownTruth]] = {}
         self._followed: dict[int, _Followed] = {}
         self._n_updates, self._updated_s = 0, math.nan
+        self.nobodys: dict[str, Detections] = {}
+        """Nothing is shown of nobody."""
 
     def await_ready(self) -> None:
         """It has no processes."""

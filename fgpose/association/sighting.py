@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,17 @@ class Sighting:
     """Of this image among them."""
     begun: tuple[NewPerson, ...]
     """Everybody whose track begins with this image, or is found again."""
+
+    def of_others(self, people: Collection[int]) -> Detections:
+        """The image with those detections alone that are of none of these tracks, and do not repeat one that is."""
+        chosen, others = self.matches.chosen[self.number], self.matches.is_free[self.number].copy()
+        of_somebody = (chosen != NOBODY) & ~np.isin(self.tracks, list(people))
+        others[chosen[of_somebody]] = True
+        others[[begun.detection for begun in self.begun if begun.track in people]] = False
+        others = others[: self.image.n_people]
+        return Detections(
+            self.image.camera, self.image.time_s, self.image.points2d_px[others], self.image.confidence[others]
+        )
 
     def joints(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Of everybody whom the image shows: number of the track, and for every joint the number of the detection (or

@@ -11,6 +11,7 @@ import numpy as np
 
 from fgpose.association.track import Tracked, TrackState
 from fgpose.finding import Severity
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status
 
@@ -218,6 +219,9 @@ class LiveFrame:
     """Of what has ended since the start of the live system; what it knew before is lost."""
     diagnosis: LiveJudgement | None = None
     """Of the last minute; None: there is none."""
+    nobodys: tuple[Detections, ...] = ()
+    """Of the newest image of each camera the detections that are of none of these people: of what was taken for
+    somebody, of somebody whom no other camera shows, or who is not found yet. Messages do not tell them."""
 
     @property
     def age_s(self) -> float:

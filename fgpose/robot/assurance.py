@@ -41,6 +41,8 @@ class Facts:
     """How much of the age there is only if no clock is behind."""
     incomplete: tuple[str, ...] = ()
     """People near the link, or anywhere, whose pose lacks what is needed for their distance."""
+    nobodys: str = ""
+    """What cameras that are ok have shown near the link for a while and is none of the people; empty: nothing."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,11 @@ RULES = (
         "all joints of people nearer than missing_within_m, and a place of everybody",
         lambda facts, limits, now_s: not facts.incomplete,
         lambda facts, limits, now_s: "; ".join(facts.incomplete),
+    ),
+    Rule(
+        "no detection of a camera that is ok that may be near the link and is nobody's, for nobodys_s",
+        lambda facts, limits, now_s: not facts.nobodys,
+        lambda facts, limits, now_s: facts.nobodys,
     ),
 )
 """All of them."""

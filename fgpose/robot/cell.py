@@ -7,6 +7,7 @@ hand_m_s = 2.0            # the arms; ISO 13855
 surroundings_m = 1.0      # so far around each link the cameras must observe
 min_observed_share = 0.9  # of these surroundings, by at least two cameras that are ok; less is a fault
 missing_within_m = 2.0    # a person nearer than this whose pose lacks joints is a fault
+nobodys_s = 0.5           # a detection in the surroundings that is nobody's for longer is a fault
 
 [volume]                  # where people can be; see fgpose.live.tracking.observed.volume_points_m
 low_m = [-2, -2, 0]
@@ -105,6 +106,8 @@ class Limits:
     missing_within_m: float = 2.0
     """A person whose pose lacks joints is a fault of the links that are nearer to the known joints than this: the
     surroundings, and the length of a leg or an arm."""
+    nobodys_s: float = 0.5
+    """A detection that may be in the surroundings of a link, and is nobody's, is a fault after so long."""
 
     def __post_init__(self) -> None:
         for limit in fields(self):

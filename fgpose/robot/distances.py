@@ -34,6 +34,7 @@ from fgpose.robot.body import ARM, Body
 from fgpose.robot.cell import Cell
 from fgpose.robot.clearance import Axes, clearance
 from fgpose.robot.links import PlacedLinks, world_poses
+from fgpose.robot.nobodys import Nobodys
 from fgpose.robot.reach import Places, Reach
 from fgpose.robot.unseen import Unseen
 from fgpose.skeleton import Skeleton
@@ -92,6 +93,7 @@ class DistanceMonitor:
         """Of the cameras that are: from when they were published so."""
         self._faults: dict[int, DistanceFault] = {}
         self._approach = Approach(cell.limits.walking_m_s)
+        self._nobodys = Nobodys(rig, skeleton, cell.limits)
 
     @property
     def frame_s(self) -> float:
@@ -135,11 +137,13 @@ class DistanceMonitor:
         known_s = {name: now_s if poses_s is None else poses_s.get(name, math.nan) for name in poses}
         pose_s = [now_s if link.is_fixed else known_s.get(link.name, math.nan) for link in links]
         if newest is None or frame is None:
-            measured, incomplete = None, _nobody(len(links))
+            measured, incomplete, nobodys = None, _nobody(len(links)), [""] * len(links)
         else:
             measured = self._measured(newest[1], world_T_link, max(now_s - taken_s(frame), 0.0))
             incomplete = self._incomplete(frame, measured)
             self._approach.add(frame, measured.expected_m.min(axis=1))
+            ok = [camera.name for camera in frame.cameras if camera.state is CameraState.OK]
+            nobodys = self._nobodys.near(frame, ok, self._links.shapes(world_T_link), self._links.link_of_shape)
         now_ok = {name for name, since_s in self._ok_since_s.items() if now_s - since_s >= FOUND_S}
         of_frame, said = self._facts(frame, now_ok), []
         for number, link in enumerate(links):
@@ -149,6 +153,7 @@ class DistanceMonitor:
                 is_rigid=bool(is_rigid[number]),
                 observed_share=0.0 if frame is None else self._observed_share(now_ok, number, world_T_link[number]),
                 incomplete=tuple(incomplete[number]),
+                nobodys=nobodys[number],
             )
             faults = faults_of(facts, self._limits, now_s)
             if faults:

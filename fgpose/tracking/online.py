@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from fgpose.association.identity.appearance import Resemblance
 from fgpose.association.track import Track, Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.evidence.inputs import check_known
-from fgpose.estimation.online.clock_jumps import ENOUGH_OF_ONE, FAR_S, SET_BACK, SetBack
+from fgpose.estimation.online.clock_jumps import SET_BACK, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.exclusive import Exclusive, exclusive
 from fgpose.estimation.online.one_moment import OneMoment, taken_together
@@ -27,6 +27,7 @@ from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import NewDetections
 from fgpose.tracking.known_bones import KnownBones
 from fgpose.tracking.memory import go_on, memory_of
+from fgpose.tracking.moments import believed_of, moments_of
 from fgpose.tracking.parallel import ParallelEstimators
 
 _APPLY_OFFSETS_S = 0.5
@@ -67,6 +68,7 @@ class Tracker(Exclusive):
         self._estimators = ParallelEstimators(rig, skeleton, self.config, answers_within_s)
         self._bones = KnownBones()
         self._people: list[Tracked] = []
+        self._nobodys: dict[str, Detections] = {}
         self._waiting: list[Detections] = []
         """Images that are far later than all before."""
         self._image_s: dict[str, float] = {}
@@ -129,10 +131,15 @@ class Tracker(Exclusive):
         taken = self._taken(images)
         if not images:
             self._people = []
-        for moment in _moments(taken):
+        for moment in moments_of(taken):
             self._people = self._update(moment)
         del self._follower.events[:-_MOST_EVENTS]
         return list(self._people)
+
+    @property
+    def nobodys(self) -> dict[str, Detections]:
+        """By camera, of its newest image the detections that are of nobody whom the last update has given."""
+        return dict(self._nobodys)
 
     @property
     def n_restarts(self) -> int:
@@ -191,8 +198,8 @@ class Tracker(Exclusive):
         )
         if is_set_back := self._set_back.is_seen(last_s, newest_s):
             newest, waiting = {}, []
-        believed, waiting = _believed(images, waiting, newest, self.rig.n_cameras)
-        images = [image for moment in _moments(believed) for image in self._taken_together(moment)]
+        believed, waiting = believed_of(images, waiting, newest, self.rig.n_cameras)
+        images = [image for moment in moments_of(believed) for image in self._taken_together(moment)]
         for image in sorted(images, key=lambda image: image.time_s):
             if image.time_s <= newest.get(image.camera, -np.inf):
                 raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:.13g} s")
@@ -232,7 +239,7 @@ class Tracker(Exclusive):
         people = sorted(track.person for track in before.tracks if track.is_confirmed)
         ended = (TrackEvent(time_s, person, "lost", "the clock was set back") for person in people)
         self._follower.events = [*before.events, *ended]
-        self._bones, self._set_back, self._image_s = KnownBones(), SetBack(), {}
+        self._bones, self._set_back, self._image_s, self._nobodys = KnownBones(), SetBack(), {}, {}
         self._offsets_applied_s = -np.inf
 
     def _taken_together(self, images: list[Detections]) -> list[Detections]:
@@ -262,6 +269,8 @@ class Tracker(Exclusive):
             for track, detection, joint in sighting.joints():
                 seen.setdefault(track, {})[sighting.image.camera] = detection, joint
         tracks = [track for track in self._follower.tracks if track.is_confirmed]
+        numbers = [track.number for track in tracks]
+        self._nobodys |= {sighting.image.camera: sighting.of_others(numbers) for sighting in sightings}
         self._apply_offsets(images[-1].time_s)
         newest = {track.number: self._newest(images, track, seen.get(track.number, {})) for track in tracks}
         estimates = self._estimators.update(newest)
@@ -305,46 +314,3 @@ class Tracker(Exclusive):
             of_camera = {name: each[c] for name, each in arrays.items()}
             return NewDetections(images[0].camera, images[0].time_s, of_camera, bones)
         return NewDetections(None, time_s, arrays, bones)
-
-
-def _believed(
-    images: Sequence[Detections], waiting: Sequence[Detections], newest_s: Mapping[str, float], n_cameras: int
-) -> tuple[list[Detections], list[Detections]]:
-    """Those that are to be used now, and those that wait: images that are far later than all before, for all others
-    would be too old for one wrong stamp. They are used when an image of another camera is of about their time, and
-    dropped when one of the former time comes. Images that are given together may share a wrong stamp: they are used
-    when those of a later update are of about that time, or later still.
-
-    Args:
-        images: the newest.
-        waiting: those that wait so far.
-        newest_s: of each camera that has given images, when it took the last that was used.
-        n_cameras: of the rig.
-    """
-    # At first the image in the middle is believed: half of the clocks are right.
-    first_s = float(np.quantile([image.time_s for image in images], 0.5, method="lower")) if images else np.inf
-    far_s = max(newest_s.values(), default=first_s) + FAR_S
-    used = [image for image in images if image.time_s <= far_s]
-    ahead = [image for image in images if image.time_s > far_s]
-    together, n_agreeing = [*waiting, *ahead], min(2, n_cameras)
-    for image in ahead:
-        near = [each for each in together if abs(each.time_s - image.time_s) <= FAR_S]
-        is_later = any(each.time_s < image.time_s or each.camera != image.camera for each in waiting if each in near)
-        if is_later and (len({each.camera for each in near}) >= n_agreeing or len(near) >= ENOUGH_OF_ONE):
-            return [*used, *near], []
-    earlier = [each for each in waiting if each.time_s < min((image.time_s for image in ahead), default=-np.inf)]
-    if min(len({each.camera for each in images}) for images in (earlier, ahead)) >= n_agreeing:
-        return [*used, *together], []
-    return used, [] if used else together[-ENOUGH_OF_ONE * len(newest_s) :]
-
-
-def _moments(images: Sequence[Detections]) -> Iterator[list[Detections]]:
-    """In the order of time, parted where a camera comes again."""
-    moment: list[Detections] = []
-    for image in sorted(images, key=lambda image: image.time_s):
-        if any(image.camera == other.camera for other in moment):
-            yield moment
-            moment = []
-        moment.append(image)
-    if moment:
-        yield moment

@@ -13,6 +13,7 @@ import numpy as np
 from fgpose.live.diagnosis.told_live import doubt
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LiveJudgement, LivePerson, Restarts
 from fgpose.live.tracking.observed import ObservedVolume
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 
 _LOG = logging.getLogger("fgpose.live")
@@ -60,6 +61,8 @@ class Known:
     since_s: float
     """See LiveFrame.tracking_since_s."""
     cameras: Mapping[str, KnownCamera]
+    nobodys: tuple[Detections, ...] = ()
+    """See LiveFrame."""
 
     def frame(
         self,
@@ -86,6 +89,7 @@ class Known:
             tracking_since_s=self.since_s,
             restarts=restarts,
             diagnosis=diagnosis,
+            nobodys=self.nobodys,
         )
 
     def _told(self, camera: CameraStatus, cameras: Sequence[CameraStatus]) -> CameraStatus:

@@ -288,4 +288,5 @@ class LiveTracking:
             longest_s=self._usual_age.longest_s,
             since_s=self._since_s,
             cameras=cameras,
+            nobodys=tuple(self._tracker.nobodys.values()),
         )

@@ -108,6 +108,14 @@ def test_a_frame_says_who_is_where(fed: tuple[LiveTracking, list[Update], float]
     assert [event.what for update in updates for event in update.events][:2] == ["confirmed", "confirmed"]
 
 
+def test_a_frame_says_what_is_nobodys() -> None:
+    """At first everybody is."""
+    live, images = tracking(), list(scene().observations.images[:4])
+    _, now_s = feed(live, images)
+    nobodys = live.frame(now_s, statuses()).nobodys
+    assert {each.camera: each.n_people for each in nobodys} == {each.camera: each.n_people for each in images}
+
+
 def test_without_images_people_may_be_anywhere_and_nothing_is_observed(fed: tuple[LiveTracking, list[Update], float]):
     live, _, now_s = fed
     seen, silent = live.frame(now_s, statuses()), live.frame(now_s + 1.0, statuses(CameraState.LOST))

@@ -288,3 +288,24 @@ def test_a_tracker_with_other_processes_says_why_it_is_not_copied(scene: CrowdSc
         pytest.raises(TypeError, match=r"this Tracker cannot be saved or copied.*tracking\.max_processes = 1"),
     ):
         again(tracker)
+
+
+def test_what_is_nobodys_is_told(scene: CrowdScene):
+    """First everybody, until they are confirmed; then what one camera alone shows."""
+    images = moments(scene)[:40]
+    with fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST) as tracker:
+        tracker.update(images[0])
+        assert {name: each.n_people for name, each in tracker.nobodys.items()} == {
+            each.camera: each.n_people for each in images[0]
+        }
+        for each in images[1:-1]:
+            tracker.update(each)
+        assert len(tracker.update([])) == 0
+        first, *others = images[-1]
+        # The same person once more, beside everybody.
+        points_px = np.concatenate([first.points2d_px, first.points2d_px[:1] + np.array([0.0, 3000.0])])
+        alone = Detections(first.camera, first.time_s, points_px, np.concatenate([first.confidence, np.ones((1, 17))]))
+        assert len(tracker.update([alone, *others])) == 2
+        (point_px,) = tracker.nobodys[first.camera].points2d_px
+        np.testing.assert_array_equal(point_px, points_px[-1])
+        assert [tracker.nobodys[each.camera].n_people for each in others] == [0, 0, 0]
