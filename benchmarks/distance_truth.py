@@ -24,9 +24,9 @@ CELL = Cell(
         Link("arm", (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), 0.08),)),
         Link("table", (Capsule((0.8, 0.0, 0.4), (0.8, 0.0, 0.9), 0.3),), is_fixed=True),
     ),
-    Limits(min_observed_share=0.5),
+    Limits(min_observed_share=0.5, lost_s=0.01),
 )
-"""A robot and something that stands in the room."""
+"""A robot and something that stands in the room. Visits end in the midst of it: nobody who is lost is remembered."""
 RESET_EVERY_S = 1.0
 """An operator resets the faults so often."""
 ROBOT_M_S = 0.5

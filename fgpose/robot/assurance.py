@@ -41,6 +41,8 @@ class Facts:
     """How much of the age there is only if no clock is behind."""
     incomplete: tuple[str, ...] = ()
     """People near the link, or anywhere, whose pose lacks what is needed for their distance."""
+    lost: tuple[str, ...] = ()
+    """People who were lost near the link, where they cannot have left unseen, and were not seen again."""
     nobodys: str = ""
     """What cameras that are ok have shown near the link for a while and is none of the people; empty: nothing."""
 
@@ -119,6 +121,11 @@ RULES = (
         "all joints of people nearer than missing_within_m, and a place of everybody",
         lambda facts, limits, now_s: not facts.incomplete,
         lambda facts, limits, now_s: "; ".join(facts.incomplete),
+    ),
+    Rule(
+        "that who was lost in the surroundings of the link, where two cameras observe, was seen again; for lost_s",
+        lambda facts, limits, now_s: not facts.lost,
+        lambda facts, limits, now_s: "; ".join(facts.lost),
     ),
     Rule(
         "no detection of a camera that is ok that may be near the link and is nobody's, for nobodys_s",

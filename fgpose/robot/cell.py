@@ -8,6 +8,7 @@ surroundings_m = 1.0      # so far around each link the cameras must observe
 min_observed_share = 0.9  # of these surroundings, by at least two cameras that are ok; less is a fault
 missing_within_m = 2.0    # a person nearer than this whose pose lacks joints is a fault
 nobodys_s = 0.5           # a detection in the surroundings that is nobody's for longer is a fault
+lost_s = 60               # who is lost in the surroundings and not seen again is a fault for so long
 
 [volume]                  # where people can be; see fgpose.live.tracking.observed.volume_points_m
 low_m = [-2, -2, 0]
@@ -108,6 +109,9 @@ class Limits:
     surroundings, and the length of a leg or an arm."""
     nobodys_s: float = 0.5
     """A detection that may be in the surroundings of a link, and is nobody's, is a fault after so long."""
+    lost_s: float = 60.0
+    """Who is lost in the surroundings of a link, where nobody leaves unseen, is a fault for so long, or until somebody
+    new is found near there."""
 
     def __post_init__(self) -> None:
         for limit in fields(self):

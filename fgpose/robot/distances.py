@@ -37,6 +37,7 @@ from fgpose.robot.links import PlacedLinks, world_poses
 from fgpose.robot.nobodys import Nobodys
 from fgpose.robot.reach import Places, Reach
 from fgpose.robot.unseen import Unseen
+from fgpose.robot.vanished import Remembered
 from fgpose.skeleton import Skeleton
 
 NO_SAFETY_FUNCTION = (
@@ -94,6 +95,7 @@ class DistanceMonitor:
         self._faults: dict[int, DistanceFault] = {}
         self._approach = Approach(cell.limits.walking_m_s)
         self._nobodys = Nobodys(rig, skeleton, cell.limits)
+        self._remembered = Remembered(rig, cell.volume, cell.limits)
 
     @property
     def frame_s(self) -> float:
@@ -109,6 +111,9 @@ class DistanceMonitor:
             for camera in frame.cameras
             if camera.state is CameraState.OK
         }
+        if self._newest is not None:
+            before, places = self._newest
+            self._remembered.add(frame, before, places)
         self._newest = frame, self._reach.places(frame, self._unseen.away_m(frame))
 
     def close(self) -> None:
@@ -137,11 +142,12 @@ class DistanceMonitor:
         known_s = {name: now_s if poses_s is None else poses_s.get(name, math.nan) for name in poses}
         pose_s = [now_s if link.is_fixed else known_s.get(link.name, math.nan) for link in links]
         if newest is None or frame is None:
-            measured, incomplete, nobodys = None, _nobody(len(links)), [""] * len(links)
+            measured, incomplete, lost, nobodys = None, _nobody(len(links)), _nobody(len(links)), [""] * len(links)
         else:
             measured = self._measured(newest[1], world_T_link, max(now_s - taken_s(frame), 0.0))
             incomplete = self._incomplete(frame, measured)
             self._approach.add(frame, measured.expected_m.min(axis=1))
+            lost = self._lost(frame, world_T_link)
             ok = [camera.name for camera in frame.cameras if camera.state is CameraState.OK]
             nobodys = self._nobodys.near(frame, ok, self._links.shapes(world_T_link), self._links.link_of_shape)
         now_ok = {name for name, since_s in self._ok_since_s.items() if now_s - since_s >= FOUND_S}
@@ -153,6 +159,7 @@ class DistanceMonitor:
                 is_rigid=bool(is_rigid[number]),
                 observed_share=0.0 if frame is None else self._observed_share(now_ok, number, world_T_link[number]),
                 incomplete=tuple(incomplete[number]),
+                lost=tuple(lost[number]),
                 nobodys=nobodys[number],
             )
             faults = faults_of(facts, self._limits, now_s)
@@ -239,6 +246,17 @@ class DistanceMonitor:
             for link in np.flatnonzero((is_near & bool(missing)) | (number in nowhere)).tolist():
                 incomplete[link].append(f"person {person.person} {lacks}")
         return incomplete
+
+    def _lost(self, frame: LiveFrame, world_T_link: Float[np.ndarray, "link 4 4"]) -> list[list[str]]:
+        """By link, who was lost near it and was not seen again."""
+        lost = _nobody(len(self._links.links))
+        for missing in self._remembered.people:
+            least_m, ago_s = self._measured(missing.places, world_T_link, 0.0).least_m[0], frame.time_s - missing.time_s
+            for link, of_link_m in enumerate(least_m.min(axis=0).tolist()):
+                if of_link_m < self._limits.surroundings_m:
+                    where = f"{max(of_link_m, 0.0):.1f} m from it {ago_s:.1f} s ago"
+                    lost[link].append(f"person {missing.person} was lost {where}, and not seen again")
+        return lost
 
     def _nearest(self, link: int, frame: LiveFrame | None, measured: _Measured | None) -> dict[str, Any]:
         if frame is None or measured is None or measured.without_place:

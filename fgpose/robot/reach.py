@@ -31,6 +31,11 @@ class Places:
     is_known: Bool[np.ndarray, "person joint"]
     """Whether the place is where the frame says the joint is; else it is that of another joint."""
 
+    def of_person(self, number: int) -> Places:
+        """Of one of them alone, by index."""
+        own = slice(number, number + 1)
+        return Places(self.positions_m[own], self.covariance_m2[own], self.away_m[own], self.is_known[own])
+
 
 class Reach:
     """The joints of a body, and how far from each other they can be."""

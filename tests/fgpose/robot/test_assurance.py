@@ -43,6 +43,7 @@ def test_what_is_known_may_be_said() -> None:
         ({"pose_s": NOW_S + 1.0}, "its pose is 1.00 s ahead of the clock"),
         ({"pose_s": math.nan, "is_rigid": False}, "it has no pose"),
         ({"is_rigid": False}, "its pose is not a rigid transform"),
+        ({"lost": ("person 3 was lost 0.2 m from it",)}, "person 3 was lost 0.2 m from it"),
         ({"nobodys": "cam_1: somebody near it for 0.5 s"}, "cam_1: somebody near it for 0.5 s"),
         ({"incomplete": ("person 3 has no estimate of left_wrist",)}, "person 3 has no estimate of left_wrist"),
     ],
