@@ -10,6 +10,7 @@ from enum import Enum
 import numpy as np
 
 from fgpose.association.track import Tracked, TrackState
+from fgpose.estimation.evidence.evidence import PROBABLE
 from fgpose.finding import Severity
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
@@ -145,9 +146,9 @@ class LivePerson:
     covariance_m2: np.ndarray
     """(J, 3, 3) of the positions at the time of the frame; more while images stay away."""
     status: np.ndarray
-    """(J,) values of fgpose.Status."""
+    """(J,) values of fgpose.Status; observed: at least two cameras see it in their newest images."""
     probability: np.ndarray
-    """(J,) that at least one camera really sees the joint at the moment."""
+    """(J,) that at least one camera really sees the joint at the moment: in its newest image, of the last 0.1 s."""
     is_provisional: bool = False
     """Whether it is open who they are: they may still be recognised as somebody who was here before, so that the number
     may change; were, but not for certain yet; or may have been exchanged with somebody to whom they were very near."""
@@ -158,22 +159,30 @@ class LivePerson:
     """(3,) of the body as a whole, see fgpose.Estimate; None: not known."""
 
     @staticmethod
-    def of(tracked: Tracked) -> LivePerson:
-        """At the time of the newest images. Raises ValueError if the estimate has no covariance."""
-        estimate, visibility = tracked.estimate, tracked.estimate.visibility
+    def of(tracked: Tracked, visibility: np.ndarray | None = None) -> LivePerson:
+        """At the time of the newest images.
+
+        Args:
+            tracked: who it is.
+            visibility: (C, J) probability that each camera sees each joint in its newest image; NaN: it does not. None:
+                as the estimate says it of the newest frame, into which few cameras may have entered.
+
+        Raises:
+            ValueError: the estimate has no covariance.
+        """
+        estimate = tracked.estimate
+        visibility = estimate.visibility if visibility is None else visibility
         if estimate.covariance_m2 is None:
             raise ValueError("a live system needs the covariance of the newest pose: set online.covariance")
+        visibility = np.zeros((1, len(estimate.status))) if visibility is None else np.nan_to_num(visibility)
+        is_observed = (estimate.status != Status.UNOBSERVABLE) & ((visibility > PROBABLE).sum(axis=0) >= 2)
         return LivePerson(
             person=tracked.person,
             state=tracked.state,
             positions_m=estimate.positions_m,
             covariance_m2=estimate.covariance_m2,
-            status=estimate.status,
-            probability=(
-                np.zeros(len(estimate.status))
-                if visibility is None
-                else 1 - np.prod(1 - np.where(np.isfinite(visibility), visibility, 0.0), axis=0)
-            ),
+            status=np.where(is_observed, np.int8(Status.OBSERVED), estimate.status),
+            probability=1 - np.prod(1 - visibility, axis=0),
             is_provisional=tracked.is_provisional,
             former=tracked.former,
             velocity_mps=estimate.velocity_mps,

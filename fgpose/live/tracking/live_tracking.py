@@ -20,6 +20,7 @@ from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.known import Known, KnownCamera, UsualAge
 from fgpose.live.tracking.moments import Moments
+from fgpose.live.tracking.newest_views import NewestViews
 from fgpose.live.tracking.observed import ObservedVolume
 from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
@@ -74,6 +75,7 @@ class LiveTracking:
         self._volume = ObservedVolume(rig, volume_m)
         self._tracker = self._new_tracker()
         self._tracker.await_ready()
+        self._views = NewestViews(rig.names)
         self._agreement = CameraAgreement(rig)
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
@@ -198,7 +200,8 @@ class LiveTracking:
             people = self._tracker.update(given)
             self._say_restarts(n_restarts)
             self._say_repairs(people)
-            self._people = tuple(LivePerson.of(tracked) for tracked in people)
+            views = self._views.add(given, people)
+            self._people = tuple(LivePerson.of(*each) for each in zip(people, views, strict=True))
             events = self._tracker.events()
             self._agreement.add(given, people)
             first_s = min(image.time_s for image in given)
@@ -261,6 +264,7 @@ class LiveTracking:
     def _forget_people(self) -> None:
         """A new tracker has found nobody yet."""
         self._people, self._since_s = (), np.nan
+        self._views = NewestViews(self.rig.names)
         self._tracker.close()
         self._tracker = self._new_tracker()
 
