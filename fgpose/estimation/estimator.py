@@ -16,6 +16,7 @@ from fgpose.estimation.evidence.plausibility import without_clipped
 from fgpose.estimation.online.arrivals import Turns, check_frame, check_later, one_frame, one_image
 from fgpose.estimation.online.clock_jumps import SET_BACK, Ahead, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
+from fgpose.estimation.online.clock_steps import ClockSteps
 from fgpose.estimation.online.exclusive import Exclusive, exclusive
 from fgpose.estimation.online.one_moment import OneMoment
 from fgpose.estimation.parts.online import HungPart, of_whole_body
@@ -76,6 +77,7 @@ class Estimator(Exclusive):
         self._is_one_person = is_one_person
         self._turns, self._one_moment = Turns(), OneMoment(rig.names)
         self._ahead, self._set_back = (None, None) if times_are_checked else (Ahead(rig.names), SetBack())
+        self._steps = None if times_are_checked else ClockSteps(rig.names)
         self._checks = ImageChecks.none(rig.n_cameras, skeleton)
         self._left_out_px = np.full((rig.n_cameras, skeleton.n_joints, 2), np.nan)  # of the newest frame
         self._parts = [HungPart(part, skeleton, rig, self.config, self._body.offsets) for part in skeleton.parts]
@@ -196,7 +198,8 @@ class Estimator(Exclusive):
         """Take one image of one camera as it comes, at its own time; arguments as update_arrays.
 
         It begins a new frame or joins one that is there (see Arrivals), its detections moved to the time of that frame.
-        A joint of a frame is predicted until a second camera sees it.
+        A joint of a frame is predicted until a second camera sees it. Images of a camera whose clock was set, and most
+        others were not, are left out until it is right again (ClockSteps).
 
         Returns:
             The pose at the time of the newest frame, which need not be that of the image.
@@ -207,7 +210,8 @@ class Estimator(Exclusive):
                 yet, or the arrays are not as they should be. The estimator is then as it was before.
 
         Warns:
-            UserWarning: the clock was set back.
+            UserWarning: the clock of a camera was set, and its images are left out (ClockSteps); or that of all was set
+                back.
         """
         if camera not in self.rig.names:
             raise ValueError(f"the rig has no camera {camera!r}; it has {', '.join(self.rig.names)}")
@@ -244,9 +248,22 @@ class Estimator(Exclusive):
 
     def _take(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
         """Images of all cameras. Raises ValueError as update and update_camera."""
-        before_s = self._body.newest_s
         if self._ahead is not None:
-            self._ahead.check(taken_s, before_s)
+            self._ahead.check(taken_s, self._body.newest_s)
+        steps = None if self._steps is None else self._steps.plus(taken_s)
+        if steps is not None and (left_out := steps.left_out & np.isfinite(taken_s)).any():
+            images = images.without(np.broadcast_to(left_out[None, :, None], images.confidence.shape))
+            taken_s = np.where(left_out, np.nan, taken_s)
+        before = self.newest if np.isnan(taken_s).all() else None
+        estimate = self._use(images, taken_s) if before is None else before
+        if steps is not None:
+            self._steps, self._body.offsets.set_by_s = steps, steps.lasting_s
+            steps.warn()
+        return estimate
+
+    def _use(self, images: Observations, taken_s: Float[np.ndarray, " camera"]) -> Estimate:
+        """Those that are of their time."""
+        before_s = self._body.newest_s
         of_person, checks = self._checks.checked(images, self._body.expected_m, self.rig)
         estimate = self._estimate(of_person, taken_s)
         self._checks = checks

@@ -29,8 +29,9 @@ _STARTS_WITHIN_S = 30.0
 ANSWERS_WITHIN_S = 60.0
 """Where there is no hurry."""
 
-Clocks = tuple[np.ndarray, OffsetEvidence]
-"""Standard deviations of the prior of each camera's offset, seconds, and what the motion of other people tells."""
+Clocks = tuple[np.ndarray, np.ndarray, OffsetEvidence]
+"""Standard deviations of the prior of each camera's offset, by how much its clock was set (both in seconds), and what
+the motion of other people tells."""
 
 
 class EstimatorProcess:
@@ -210,7 +211,8 @@ def serve() -> None:
                     estimators.tidy()
                     continue
                 newest, clocks = message
-                estimators.offsets.sigma_s, estimators.offsets.elsewhere = clocks
+                offsets = estimators.offsets
+                offsets.sigma_s, offsets.set_by_s, offsets.elsewhere = clocks
                 answer = estimators.update(newest), estimators.offsets.evidence
             except Exception as error:  # raised by EstimatorProcess.receive
                 answer = error

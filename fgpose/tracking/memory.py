@@ -35,7 +35,8 @@ def go_on(
     passages = {each.person: _passage(each, skeleton, resemblance) for each in memory.people}
     follower.go_on(memory.n_people, passages, resemblance)
     bones.of_person = {each.person: _bones(each) for each in memory.people}
-    told = OffsetEvidence(np.array(memory.offset_information), np.array(memory.offset_moment))
+    moment = np.array(memory.offset_moment)
+    told = OffsetEvidence(np.array(memory.offset_information), moment, np.zeros((2, len(moment))))
     offsets.go_on(told, memory.time_s)
 
 

@@ -1,4 +1,4 @@
-"""Which of the images that come are used now, and together."""
+"""Which images are used now, and which of them are of one moment."""
 
 from __future__ import annotations
 

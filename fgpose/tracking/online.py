@@ -14,6 +14,7 @@ from fgpose.config import Config
 from fgpose.estimation.evidence.inputs import check_known
 from fgpose.estimation.online.clock_jumps import SET_BACK, SetBack
 from fgpose.estimation.online.clock_offsets import RunningOffsets
+from fgpose.estimation.online.clock_steps import ClockSteps
 from fgpose.estimation.online.exclusive import Exclusive, exclusive
 from fgpose.estimation.online.one_moment import OneMoment, taken_together
 from fgpose.geometry.camera import CameraRig
@@ -74,6 +75,7 @@ class Tracker(Exclusive):
         self._image_s: dict[str, float] = {}
         self._set_back = SetBack()
         self._pace, self._one_moment = Pace(), OneMoment(rig.names)
+        self._steps = ClockSteps(rig.names)
         self._told_of: set[str] = set()
         """Cameras whose images are not used, which was said."""
         self._has_covariance: bool | None = None
@@ -112,7 +114,8 @@ class Tracker(Exclusive):
         which costs an update of its own. One that is more than a minute later than all before waits until another
         camera says so too in an update of its own, for images that are given together may share a wrong stamp. After
         ten updates with nothing but images that are more than a minute older the clock was set back: nobody is followed
-        or recognised any more, and people get new numbers.
+        or recognised any more, and people get new numbers. Images of a camera whose clock was set, and most others were
+        not, are left out until it is right again (ClockSteps).
 
         Returns:
             Everybody at the time of the newest image that was used.
@@ -126,7 +129,8 @@ class Tracker(Exclusive):
         Warns:
             UserWarning: a process of estimators ended or did not answer; the estimates of its people begin anew. Images
                 of a camera are left out, as they are far later than all others, or were taken far from those given with
-                them (OneMoment); the clock was set back; or times are not in seconds.
+                them (OneMoment), or its clock was set (ClockSteps); all clocks were set back; or times are not in
+                seconds.
         """
         taken = self._taken(images)
         if not images:
@@ -150,6 +154,21 @@ class Tracker(Exclusive):
     def offsets(self) -> RunningOffsets:
         """What is known of the cameras' clocks beyond the rig; its sigma_s may be set at any time."""
         return self._estimators.offsets
+
+    @property
+    def left_out(self) -> Set[str]:
+        """Cameras whose newest images are left out, as their clocks were set (ClockSteps)."""
+        return set(np.array(self.rig.names)[self._steps.left_out].tolist())
+
+    def leaves_out(self, image: Detections) -> bool:
+        """Whether an image would be one of these, if it came next."""
+        is_own = np.array(self.rig.names) == image.camera
+        return bool(self._steps.plus(np.where(is_own, image.time_s, np.nan)).left_out[is_own].any())
+
+    @property
+    def set_clocks(self) -> dict[str, str]:
+        """What is said of these cameras, of which it is sure."""
+        return {self.rig.names[c]: self._steps.in_words(c) for c in np.flatnonzero(self._steps.lasts).tolist()}
 
     @exclusive
     def memory(self) -> TrackerMemory | None:
@@ -199,7 +218,7 @@ class Tracker(Exclusive):
         if is_set_back := self._set_back.is_seen(last_s, newest_s):
             newest, waiting = {}, []
         believed, waiting = believed_of(images, waiting, newest, self.rig.n_cameras)
-        images = [image for moment in moments_of(believed) for image in self._taken_together(moment)]
+        images, steps = self._of_their_time(believed, ClockSteps(self.rig.names) if is_set_back else self._steps)
         for image in sorted(images, key=lambda image: image.time_s):
             if image.time_s <= newest.get(image.camera, -np.inf):
                 raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:.13g} s")
@@ -226,7 +245,9 @@ class Tracker(Exclusive):
             if time_s > self._image_s.get(camera, np.inf):
                 self._pace.add(time_s - self._image_s[camera])
         self._image_s, self._with_appearance = newest, with_appearance[:1]
-        self._has_covariance, self._waiting = has_covariance, waiting
+        self._has_covariance, self._waiting, self._steps = has_covariance, waiting, steps
+        self.offsets.set_by_s = steps.lasting_s
+        steps.warn()
         self._warn_of_unused(given, {image.camera for image in (*believed, *waiting)})
         return images
 
@@ -241,6 +262,17 @@ class Tracker(Exclusive):
         self._follower.events = [*before.events, *ended]
         self._bones, self._set_back, self._image_s, self._nobodys = KnownBones(), SetBack(), {}, {}
         self._offsets_applied_s = -np.inf
+
+    def _of_their_time(self, believed: Sequence[Detections], steps: ClockSteps) -> tuple[list[Detections], ClockSteps]:
+        """Without those that were taken far from the others given with them, and those of cameras whose clocks were
+        set."""
+        images, names = list[Detections](), self.rig.names
+        for moment in moments_of(believed):
+            together = {image.camera: image for image in self._taken_together(moment)}
+            steps = steps.plus(np.array([together[name].time_s if name in together else np.nan for name in names]))
+            left_out = np.array(names)[steps.left_out]
+            images += [image for image in together.values() if image.camera not in left_out]
+        return images, steps
 
     def _taken_together(self, images: list[Detections]) -> list[Detections]:
         """Without those that were taken far from the others."""

@@ -76,7 +76,7 @@ class ParallelEstimators:
         asked = [
             process
             for process, share in zip(self._others, shares[1:], strict=True)
-            if process.send(share, (self.offsets.sigma_s, self._told_elsewhere(process)))
+            if process.send(share, (self.offsets.sigma_s, self.offsets.set_by_s, self._told_elsewhere(process)))
         ]
         estimates: dict[int, Estimate] = {}
         # Every answer is read, whatever is raised: one that stays in its pipe would be taken for the next.

@@ -17,6 +17,7 @@ from fgpose.config import Config, ProjectionConfig
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.solvers.elimination import eliminate_joints
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import TOGETHER_S
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose_factors import robust_weight
 
@@ -25,6 +26,7 @@ from fgpose_factors import robust_weight
 _SECOND_S = 1.0
 _PRIOR_FREEDOM = 6.0  # of what is usual: two seconds of four cameras
 _MOST_SECONDS = 100  # they tell the scatter to a tenth
+_HARDLY_ANY = 1e-9  # information, 1/s^2; it is divided by
 _NO_INFORMATION = 1e-6  # in that of the best known offset; that of all cameras together is never seen
 
 
@@ -36,17 +38,33 @@ class OffsetEvidence:
     """1/s^2; the joints are eliminated."""
     moment: Float[np.ndarray, " camera"]
     """Information times the offsets that fit best, 1/s."""
+    squares: Float[np.ndarray, "2 camera"]
+    """Of the gradients of single detections, whatever their weights, and what is expected of these, 1/s^2."""
 
     @staticmethod
     def nothing(n_cameras: int) -> OffsetEvidence:
-        return OffsetEvidence(np.zeros((n_cameras, n_cameras)), np.zeros(n_cameras))
+        return OffsetEvidence(np.zeros((n_cameras, n_cameras)), np.zeros(n_cameras), np.zeros((2, n_cameras)))
+
+    @property
+    def misfit(self) -> Float[np.ndarray, " camera"]:
+        """How many times the expected variance the detections of each camera have along the motion: more than once
+        where its offset is wrong by so much that they are taken for outliers, and those that fit by chance are left."""
+        return np.maximum(self.squares[0] / np.maximum(self.squares[1], _HARDLY_ANY), 1.0)
 
     def __add__(self, other: OffsetEvidence) -> OffsetEvidence:
-        return OffsetEvidence(self.information + other.information, self.moment + other.moment)
+        squares = self.squares + other.squares
+        return OffsetEvidence(self.information + other.information, self.moment + other.moment, squares)
+
+    def without(self, camera: int) -> OffsetEvidence:
+        """What it tells of all others, whatever the offset of one is."""
+        own = self.information[:, camera] / max(self.information[camera, camera], _HARDLY_ANY)
+        is_own = np.arange(len(own)) == camera
+        others = np.eye(len(own)) - np.outer(own, is_own)
+        return OffsetEvidence(others @ self.information, others @ self.moment, np.where(is_own, 0.0, self.squares))
 
     def faded(self, share: float) -> OffsetEvidence:
         """With this share of its weight."""
-        return OffsetEvidence(share * self.information, share * self.moment)
+        return OffsetEvidence(share * self.information, share * self.moment, share * self.squares)
 
 
 class RunningOffsets:
@@ -70,6 +88,20 @@ class RunningOffsets:
         have calibration.offset_sigma_s; whoever knows the clocks better says so here."""
         self.sigma_s[:1] = 0.0
         self._newest_s = -np.inf
+        self._set_by_s = np.zeros(rig.n_cameras)
+
+    @property
+    def set_by_s(self) -> Float[np.ndarray, " camera"]:
+        """By how much the clock of each camera was set while others were not (ClockSteps), seconds; zero: it was not.
+        What was told of it before is forgotten."""
+        return self._set_by_s
+
+    @set_by_s.setter
+    def set_by_s(self, by_s: Float[np.ndarray, " camera"]) -> None:
+        for c in np.flatnonzero((by_s != 0) & (self._set_by_s == 0)).tolist():
+            self._told, self._of_second = self._told.without(c), self._of_second.without(c)
+            self._seconds = deque((each.without(c) for each in self._seconds), maxlen=_MOST_SECONDS)
+        self._set_by_s = by_s.copy()
 
     def go_on(self, told: OffsetEvidence, time_s: float) -> None:
         """Know what was told until a time, before any frame is added."""
@@ -100,16 +132,10 @@ class RunningOffsets:
         """
         if not self.sigma_s.any():
             return
-        information, gradient = offset_information(
-            positions_m[None],
-            velocities_mps[None],
-            undistorted_px[None],
-            weights[None],
-            sigma_px[None],
-            rig,
-            self._config.projection,
-        )
-        told = OffsetEvidence(information, information @ rig.time_offsets_s - gradient)
+        pose = positions_m[None], velocities_mps[None], undistorted_px[None]
+        spread = weights[None], sigma_px[None], rig
+        information, gradient = offset_information(*pose, *spread, self._config.projection)
+        told = OffsetEvidence(information, information @ rig.time_offsets_s - gradient, _squares(*pose, *spread))
         told = told.faded(1.0 / float(correlated_frames(step_s, CORRELATION_S)))
         if abs(time_s - self._second_since_s) >= _SECOND_S:  # a clock may be set back
             self._seconds.append(self._of_second)
@@ -130,18 +156,25 @@ class RunningOffsets:
         """The rig with the offsets that fit best."""
         return self._rig.with_time_offsets(self._rig.time_offsets_s + self._change_s())
 
-    def relative(self) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
+    def relative(self, *, fits: bool = False) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
         """How much later than the clocks say the images are taken, seconds, and its standard deviation. It is relative
         to the mean of the cameras by what was known of each: what all have in common cannot be seen in the motion.
-        Where some are held, it is relative to these."""
+        Where some are held, it is relative to these. How far a clock was set is known no better than when
+        images come, to about TOGETHER_S.
+
+        Args:
+            fits: take it for granted that offsets explain what is seen. Else the standard deviation is that of White's
+                covariance (Econometrica 48, 817, 1980): by the spread of the gradients as it is.
+        """
         free, change_s = self.sigma_s > 0, self._change_s()
         covariance_s2 = np.zeros((len(free), len(free)))
-        covariance_s2[np.ix_(free, free)] = self._covariance_s2()
+        covariance_s2[np.ix_(free, free)] = self._covariance_s2() if fits else self._spread_s2()
         if free.all():
             weights = self.sigma_s**-2 / np.sum(self.sigma_s**-2)
             centred = np.eye(len(free)) - weights
             change_s, covariance_s2 = centred @ change_s, centred @ covariance_s2 @ centred.T
-        return change_s, np.sqrt(np.maximum(np.diag(covariance_s2), 0.0))
+        variance_s2 = np.maximum(np.diag(covariance_s2), 0.0) + np.where(self._set_by_s != 0, TOGETHER_S**2, 0.0)
+        return change_s - self._set_by_s, np.sqrt(variance_s2)
 
     def _change_s(self) -> Float[np.ndarray, " camera"]:
         """From the given offsets to those that fit best."""
@@ -150,6 +183,13 @@ class RunningOffsets:
         change_s = np.zeros(len(free))
         change_s[free] = -self._covariance_s2() @ gradient[free]
         return change_s
+
+    def _spread_s2(self) -> Float[np.ndarray, "free free"]:
+        """Covariance where detections have another spread than is expected of them."""
+        told, free, covariance_s2 = self.evidence + self.elsewhere, self.sigma_s > 0, self._covariance_s2()
+        times = np.sqrt(told.misfit)
+        gradients = (told.information * times * times[:, None])[np.ix_(free, free)]
+        return covariance_s2 @ (gradients + np.diag(self.sigma_s[free] ** -2)) @ covariance_s2
 
     def _covariance_s2(self) -> Float[np.ndarray, "free free"]:
         free = self.sigma_s > 0
@@ -186,11 +226,37 @@ def offset_information(
         weights, sigma_px: of each detection, and the standard deviation that one of weight 1 would have.
         config: its kernel.
     """
-    residual_px, by_joint, projected = linearized_projection(undistorted_px, rig, positions_m)
-    by_offset = by_joint @ velocities_mps[:, None, ..., None]
-    known = projected & np.isfinite(by_offset).all(axis=(-1, -2))
+    residual_px, by_joint, by_offset, known = _by_offset(positions_m, velocities_mps, undistorted_px, rig)
     squared = np.where(known, np.sum(residual_px**2, axis=-1), 0.0) / sigma_px**2
     weights = np.where(known, weights * robust_weight(squared, config.kernel, config.kernel_scale), 0.0)
     jacobians = np.nan_to_num(by_joint), np.nan_to_num(by_offset)
     reduced = eliminate_joints(np.nan_to_num(residual_px), *jacobians, weights / sigma_px**2)
     return reduced.information, reduced.gradient
+
+
+def _by_offset(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    velocities_mps: Float[np.ndarray, "frame joint 3"],
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    rig: CameraRig,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals in pixels, their derivatives by joints and by offsets, and which of them are known."""
+    residual_px, by_joint, projected = linearized_projection(undistorted_px, rig, positions_m)
+    by_offset = by_joint @ velocities_mps[:, None, ..., None]
+    return residual_px, by_joint, by_offset, projected & np.isfinite(by_offset).all(axis=(-1, -2))
+
+
+def _squares(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    velocities_mps: Float[np.ndarray, "frame joint 3"],
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    weights: Float[np.ndarray, "frame camera joint"],
+    sigma_px: Float[np.ndarray, "frame camera joint"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "2 camera"]:
+    """See OffsetEvidence; of detections that have any weight."""
+    residual_px, _, by_offset, known = _by_offset(positions_m, velocities_mps, undistorted_px, rig)
+    known &= (weights > 0) & np.isfinite(residual_px).all(axis=-1)
+    by_offset = np.where(known[..., None], by_offset[..., 0], 0.0) / sigma_px[..., None]
+    gradient = np.sum(by_offset * np.nan_to_num(residual_px) / sigma_px[..., None], axis=-1)
+    return np.stack([np.sum(gradient**2, axis=(0, 2)), np.sum(by_offset**2, axis=(0, 2, 3))])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fgpose.association.track import Tracked, TrackEvent
 from fgpose.config import Config
+from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.io.live.tracker_memory import TrackerMemory
@@ -115,7 +116,9 @@ class LiveTracking:
         """Take the detections of an image, unless they are not to be used; what it completes is tracked."""
         detections = image.detections
         key = detections.camera, detections.time_s
-        is_again = key in self._arrived or detections.time_s <= self._image_s.get(detections.camera, -np.inf)
+        is_of_set_clock = self._tracker.leaves_out(detections)
+        is_again = detections.time_s <= self._image_s.get(detections.camera, -np.inf) and not is_of_set_clock
+        is_again |= key in self._arrived
         # A picture or a detector that has stopped: with a new stamp, people would be where they were a while ago.
         is_again |= detections.camera in self._last and are_same(self._last[detections.camera], detections)
         if not image.is_used or is_again or self._is_too_old(detections):
@@ -124,13 +127,15 @@ class LiveTracking:
             return [Update((replace(image, is_used=False),), (), ())]
         self._arrived[key] = image
         self._last[detections.camera] = detections
+        if is_of_set_clock:  # it is of no moment
+            return [self._tracked([detections])]
         return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
 
     def look(self, now_s: float, expected: Collection[str]) -> list[Update]:
         """Track what waits, if all of these cameras have come or it has waited long enough. Processes that have ended
         are replaced, also where nothing comes."""
         self._look_at_processes(now_s)
-        moment = self._moments.ready(now_s, expected)
+        moment = self._moments.ready(now_s, set(expected) - self._tracker.left_out)
         return [self._tracked(moment)] if moment else []
 
     def frame(
@@ -189,10 +194,9 @@ class LiveTracking:
 
     def track(self, images: Sequence[RecordedImage]) -> Update:
         """Let the tracker take those of the images that are to be used, together."""
-        for image in images:
-            (self._n_used if image.is_used else self._n_lost)[image.detections.camera] += 1
         given = [image.detections for image in images if image.is_used]
         if not given:
+            self._count(images, set())
             return Update(tuple(images), (), ())
         self._know_clocks(images)
         n_restarts = self._tracker.n_restarts
@@ -204,15 +208,21 @@ class LiveTracking:
             self._people = tuple(LivePerson.of(*each) for each in zip(people, views, strict=True))
             events = self._tracker.events()
             self._agreement.add(given, people)
-            first_s = min(image.time_s for image in given)
-            if np.isnan(self._since_s) or first_s > self.newest_s + _GAP_S:
+            given = [image for image in given if image.camera not in self._tracker.left_out]
+            first_s = min((image.time_s for image in given), default=-np.inf)
+            if given and (np.isnan(self._since_s) or first_s > self.newest_s + _GAP_S):
                 self._since_s = first_s
         except Exception as error:
             self._begin_anew(error)
             people, events = [], []
+        self._count(images, {image.camera for image in given})
         self._image_s |= {each.camera: each.time_s for each in given}
         self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
         return Update(tuple(images), tuple(people), tuple(events))
+
+    def _count(self, images: Sequence[RecordedImage], used: Set[str]) -> None:
+        for image in images:
+            (self._n_used if image.detections.camera in used else self._n_lost)[image.detections.camera] += 1
 
     def _look_at_processes(self, now_s: float) -> None:
         if not 0 <= now_s - self._looked_s < _LOOKS_S:
@@ -241,7 +251,7 @@ class LiveTracking:
             return
         offsets, sigma_s = self._tracker.offsets, self._time_sigma_s
         if offsets.has_told:
-            sigma_s = np.where(sigma_s > 0, offsets.relative()[1], 0.0)
+            sigma_s = np.where(sigma_s > 0, offsets.relative(fits=True)[1], 0.0)
         self._agreement.look(offsets.rig().time_offsets_s, sigma_s)
 
     def _know_clocks(self, images: Sequence[RecordedImage]) -> None:
@@ -274,12 +284,16 @@ class LiveTracking:
     def _is_too_old(self, detections: Detections) -> bool:
         return detections.time_s < self.newest_s - self.config.online.lag_s
 
+    def _said_of_clocks(self) -> dict[str, str]:
+        """By camera, of those whose clocks were set."""
+        return {name: f"{reason} [{Code.LATE_CAMERA}]" for name, reason in self._tracker.set_clocks.items()}
+
     def _now_known(self) -> Known:
         offsets = self._tracker.offsets
         offset_s, sigma_s = offsets.relative() if offsets.has_told else (None, None)
-        cameras = {}
+        cameras, faults = dict[str, KnownCamera](), self._agreement.faults | self._said_of_clocks()
         for c, name in enumerate(self.rig.names):
-            known = KnownCamera(self._n_used[name], self._n_lost[name], fault=self._agreement.faults.get(name, ""))
+            known = KnownCamera(self._n_used[name], self._n_lost[name], fault=faults.get(name, ""))
             if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
                 known = replace(known, motion_offset_s=float(offset_s[c]), motion_sigma_s=float(sigma_s[c]))
             cameras[name] = known

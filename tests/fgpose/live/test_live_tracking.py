@@ -184,6 +184,33 @@ def test_a_late_image_is_used_within_the_lag_and_counted_beyond():
         assert [each.is_used for update in updates for each in update.images] == [is_used]
 
 
+@pytest.mark.filterwarnings("ignore:camera ring_1. its clock was set:UserWarning")
+@pytest.mark.parametrize("by_s", [0.3, pytest.param(-0.25, marks=pytest.mark.slow)])
+def test_a_clock_that_is_set_drives_nobody(by_s: float) -> None:
+    """Its images made the newest frames, a moment ahead of all others and seen by nobody else."""
+    live, frame = tracking(), None
+    for at_s, images in itertools.groupby(scene().observations.images, key=lambda image: image.time_s):
+        is_set = at_s >= 1.0
+        moment = [replace(each, time_s=at_s + by_s * (is_set and each.camera == "ring_1")) for each in images]
+        for image in moment:
+            now_s = at_s + DELAY_S
+            live.add(RecordedImage(image, now_s), now_s)
+            live.look(now_s, scene().rig.names)
+        frame = live.frame(at_s + DELAY_S, statuses())
+        assert frame.time_s <= at_s
+        # Detections of three cameras err by some centimetres, and the moment may wait for another one.
+        assert not is_set or (errors_m(frame) < 0.1).all()
+    assert frame is not None
+    assert len(frame.people) == 2
+    set_clock, *others = sorted(frame.cameras, key=lambda camera: camera.name != "ring_1")
+    assert set_clock.state is CameraState.DOUBTFUL
+    assert set_clock.reason.startswith("its clock was set")
+    assert set_clock.reason.endswith("[late-camera]")
+    assert {camera.state for camera in others} == {CameraState.OK}
+    assert set_clock.n_used == 30
+    assert {camera.n_used for camera in others} == {60}
+
+
 @pytest.mark.slow
 def test_the_motion_tells_how_late_a_camera_is():
     """Where that is not known; it changes nothing where the times are those of this computer."""

@@ -163,7 +163,7 @@ def test_processes_end_with_the_tracker(scene: CrowdScene):
 def test_errors_of_the_other_process_are_raised_here(scene: CrowdScene):
     process = EstimatorProcess(scene.rig, scene.motion.skeleton, CONFIG)
     wrong = NewDetections("door", 0.0, {"points2d_px": np.zeros((17, 2))})
-    assert process.send({0: wrong}, (np.zeros(3), OffsetEvidence.nothing(3)))
+    assert process.send({0: wrong}, (np.zeros(3), np.zeros(3), OffsetEvidence.nothing(3)))
     with pytest.raises(ValueError, match="door"):
         process.receive()
     process.close()

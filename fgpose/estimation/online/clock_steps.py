@@ -1,0 +1,133 @@
+"""The clock of one camera that is set while images come one after the other.
+
+Where images come alone, nothing but their order tells how their clocks go: between two images of a camera the others
+go on by as much as it does, however late each comes. One that leaps beyond that, or goes back, was set.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.estimation.online.clock_jumps import FAR_S
+from fgpose.geometry.changing_rig import TOGETHER_S
+
+# Images come with jitter, and one may be lost.
+_STEPS = 2.0
+# The median of so many is the usual step of a camera.
+_REMEMBERED = 15
+# A camera that has not given an image for longer has no say in which clocks are right.
+_SILENT_S = 1.0
+
+
+class ClockSteps:
+    """Tells which cameras have clocks that were set, and most have not: their images are not of the times they say.
+
+    What most do is no step: after a pause, or where the clock of all is set. Of two, or two and two, those are left out
+    that have leapt, for which clock is right nobody can tell. A clock that is right again is as far ahead of the others
+    as before. Cameras that are late have no leap, nor have those that were away: they go on with the others. One that
+    was far ahead or late from its start is as it always was.
+    """
+
+    def __init__(self, camera_names: Sequence[str]) -> None:
+        self._names, unknown_s = camera_names, np.full(len(camera_names), np.nan)
+        self._told_of: set[str] = set()
+        self._newest_s = unknown_s
+        self._steps_s = np.full((_REMEMBERED, len(camera_names)), np.nan)
+        """From image to image of each camera, the newest last."""
+        self._lead_s = unknown_s
+        """How far the newest image of each was ahead of those of all others when it came, before its clock was set."""
+        self._since_s = unknown_s
+        """Newest time of the others when that image came."""
+        self.by_s = np.zeros(len(camera_names))
+        """By how much each clock was set against those of most; zero: it was not."""
+        self.lasts = np.zeros(len(camera_names), dtype=bool)
+        """Whose clocks are still so after the others have gone on by as much: they did not only come later."""
+
+    @property
+    def left_out(self) -> Bool[np.ndarray, " camera"]:
+        """Cameras whose newest images are not of their time."""
+        return self.by_s != 0
+
+    @property
+    def lasting_s(self) -> Float[np.ndarray, " camera"]:
+        """By how much those clocks were set of which it is sure."""
+        return np.where(self.lasts, self.by_s, 0.0)
+
+    def plus(self, taken_s: Float[np.ndarray, " camera"]) -> ClockSteps:
+        """With the images that come next; of several cameras, if they come together.
+
+        Args:
+            taken_s: as their cameras say; NaN: there is none.
+        """
+        after = copy(self)
+        for name in ("_newest_s", "_steps_s", "_lead_s", "_since_s", "by_s", "lasts"):
+            setattr(after, name, getattr(self, name).copy())
+        for c in np.flatnonzero(np.isfinite(taken_s)).tolist():
+            after._add(c, float(taken_s[c]))
+        after._settle()
+        return after
+
+    def warn(self) -> None:
+        """Warns:
+        UserWarning: the clock of a camera was set, and this was not said before.
+        """
+        for c in np.flatnonzero(self.lasts).tolist():
+            if self._names[c] not in self._told_of:
+                self._told_of.add(self._names[c])
+                warnings.warn(f"camera {self._names[c]}: {self.in_words(c)}", UserWarning, stacklevel=5)
+
+    def in_words(self, c: int) -> str:
+        """What is said of a camera whose clock was set."""
+        of_two = "; of two cameras nobody can tell whose clock is right" if len(self._names) == 2 else ""
+        return (
+            f"its clock was set {'ahead' if self.by_s[c] > 0 else 'back'} by about {abs(self.by_s[c]):.2g} s while "
+            f"those of the others were not; its images are left out until it is right again{of_two}"
+        )
+
+    def _add(self, c: int, time_s: float) -> None:
+        step_s, others_s, limit_s = time_s - self._newest_s[c], self._newest_of_others(c), self._limit_s(c)
+        lead_s = time_s - others_s
+        ahead_s = lead_s - self._lead_s[c]
+        self._newest_s[c] = time_s
+        if abs(ahead_s) > FAR_S:  # not of one camera, or the image would be refused
+            self._lead_s[c], self.by_s[c], self.lasts[c] = np.nan, 0.0, False
+            return
+        if step_s > 0:
+            self._steps_s[:, c] = np.append(self._steps_s[1:, c], step_s)
+        if self.by_s[c]:
+            self.by_s[c] = ahead_s if abs(ahead_s) > max(limit_s, abs(self.by_s[c]) / 2) else 0.0
+        elif min(step_s, ahead_s, lead_s) > limit_s or max(step_s, ahead_s, lead_s) < -limit_s:
+            self.by_s[c] = ahead_s
+        self.lasts[c] = self.by_s[c] != 0 and others_s - self._since_s[c] >= abs(self.by_s[c])
+        if not self.by_s[c]:
+            # Of who is late it shrinks while all others pause.
+            if others_s > self._since_s[c] or np.isnan(self._lead_s[c]):
+                self._lead_s[c] = lead_s
+            self._since_s[c] = others_s
+
+    def _newest_of_others(self, c: int) -> float:
+        """Time of the newest image of the other cameras whose clocks were not set; NaN: there is none."""
+        return float(np.fmax.reduce(np.delete(np.where(self.left_out, np.nan, self._newest_s), c), initial=np.nan))
+
+    def _limit_s(self, c: int) -> float:
+        """Where a camera is further ahead of the others than by this, it is not by chance."""
+        n_known = np.isfinite(self._steps_s).sum(axis=0)
+        usual_s = np.sort(self._steps_s, axis=0)[np.maximum(n_known - 1, 0) // 2, np.arange(len(n_known))]
+        fastest_s = np.fmin.reduce(np.delete(usual_s, c), initial=np.inf)
+        return max(TOGETHER_S, _STEPS * float(np.fmax(usual_s[c], fastest_s)))
+
+    def _settle(self) -> None:
+        """Where most clocks were set, it was those of the others."""
+        newest_s = self._newest_s - self.by_s
+        has_say = newest_s >= np.fmax.reduce(newest_s) - _SILENT_S
+        was_set = has_say & self.left_out
+        if 2 * was_set.sum() > has_say.sum():
+            by_s = self.by_s - np.median(self.by_s[was_set])
+            self.by_s = np.where(np.abs(by_s) > TOGETHER_S, by_s, 0.0)
+            self._since_s = np.full(len(by_s), np.fmax.reduce(self._newest_s[self.by_s == 0]))
+            self.lasts = np.zeros(len(by_s), dtype=bool)
