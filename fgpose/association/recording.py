@@ -185,8 +185,8 @@ def _turn_round(
         else (frame, c, detection, joint)
         for frame, c, detection, joint in seen.get(track, [])
     ]
-    begun, pose = first[track]
-    if begun >= since and turned.are_all:
+    if turned.are_all and track in first and first[track][0] >= since:
+        begun, pose = first[track]
         first[track] = begun, pose.exchanged(mirror)
 
 

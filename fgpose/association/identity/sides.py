@@ -24,6 +24,7 @@ from fgpose.skeleton import Skeleton
 # seconds.
 _MEMORY_S = 3.0
 _LEAST_S = 0.1  # for so much longer images must speak for other sides than against them
+_FOUNDED_WITHIN_S = 0.05  # the images on which somebody is founded; begun_s is that of the newest
 _LONGEST_S = 0.1  # a moment tells no more than the time since the one before, nor than this
 
 
@@ -54,7 +55,8 @@ class Sides:
     def since_s(self) -> float:
         """Since when left and right are wrong, if they are: soon after somebody was founded, since then, for nobody who
         is followed changes sides."""
-        return self.begun_s if self._since_s < self.begun_s + _MEMORY_S / 2 else self._since_s
+        was_founded_so = self._since_s < self.begun_s + _MEMORY_S / 2
+        return self.begun_s - _FOUNDED_WITHIN_S if was_founded_so else self._since_s
 
     @property
     def are_wrong(self) -> bool:
