@@ -104,7 +104,7 @@ class StandInOffsets:
         """See RunningOffsets."""
         return any(n > 0 and sigma_s > 0 for n, sigma_s in zip(self._n, self.sigma_s.tolist(), strict=True))
 
-    def relative(self) -> tuple[np.ndarray, np.ndarray]:
+    def relative(self, *, fits: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """See RunningOffsets."""
         cameras = list(zip(self.sigma_s.tolist(), self._n, self._late_s, self._error, strict=True))
         told_s = [min(_TOLD_SIGMA_S / math.sqrt(max(n, 1)), sigma_s) for sigma_s, n, _, _ in cameras]
@@ -157,6 +157,9 @@ class StandInTracker:
         self._n_updates, self._updated_s = 0, math.nan
         self.nobodys: dict[str, Detections] = {}
         """Nothing is shown of nobody."""
+        self.left_out: set[str] = set()
+        self.set_clocks: dict[str, str] = {}
+        """No clock is set while it runs."""
 
     def await_ready(self) -> None:
         """It has no processes."""
@@ -237,6 +240,10 @@ class StandInTracker:
     def tidy(self) -> None:
         """See Tracker."""
         self._fails("tidy")
+
+    def leaves_out(self, image: Detections) -> bool:
+        """See Tracker."""
+        return False
 
     def events(self) -> list[TrackEvent]:
         """See Tracker."""
