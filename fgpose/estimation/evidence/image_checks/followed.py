@@ -106,7 +106,8 @@ class FollowedViews:
         n_stay = np.count_nonzero(trusted & ~goes & ~(is_off & shows))
         told_s = time_s if n_stay >= _TELL else self.told_s
         goes &= n_stay >= max(_TELL, np.count_nonzero(goes | (self.gone_over & shows)) + is_tie)
-        comes_back = shows & ~is_off & (breaks | (time_s - since_s >= _MEET_S))
+        is_with = share_off <= 1 - _ELSEWHERE  # who passes is not where nearly all joints are
+        comes_back = shows & ~is_off & (breaks | is_with | (time_s - since_s >= _MEET_S))
         gone_over = (self.gone_over | goes) & ~comes_back & (time_s - told_s <= _KNOWN_S)
         recent = self.recent.plus(points_px, shows, time_s)
         return FollowedViews(gone_over, is_off, since_s, suspect_s, usual_m, told_s, recent, body)
