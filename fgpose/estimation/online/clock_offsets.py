@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.config import Config, ProjectionConfig
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
@@ -132,10 +132,10 @@ class RunningOffsets:
         """
         if not self.sigma_s.any():
             return
-        pose = positions_m[None], velocities_mps[None], undistorted_px[None]
-        spread = weights[None], sigma_px[None], rig
-        information, gradient = offset_information(*pose, *spread, self._config.projection)
-        told = OffsetEvidence(information, information @ rig.time_offsets_s - gradient, _squares(*pose, *spread))
+        residuals = _Residuals.of(positions_m[None], velocities_mps[None], undistorted_px[None], rig)
+        information, gradient = residuals.equations(weights[None], sigma_px[None], self._config.projection)
+        squares = residuals.squares(weights[None], sigma_px[None])
+        told = OffsetEvidence(information, information @ rig.time_offsets_s - gradient, squares)
         told = told.faded(1.0 / float(correlated_frames(step_s, CORRELATION_S)))
         if abs(time_s - self._second_since_s) >= _SECOND_S:  # a clock may be set back
             self._seconds.append(self._of_second)
@@ -226,37 +226,47 @@ def offset_information(
         weights, sigma_px: of each detection, and the standard deviation that one of weight 1 would have.
         config: its kernel.
     """
-    residual_px, by_joint, by_offset, known = _by_offset(positions_m, velocities_mps, undistorted_px, rig)
-    squared = np.where(known, np.sum(residual_px**2, axis=-1), 0.0) / sigma_px**2
-    weights = np.where(known, weights * robust_weight(squared, config.kernel, config.kernel_scale), 0.0)
-    jacobians = np.nan_to_num(by_joint), np.nan_to_num(by_offset)
-    reduced = eliminate_joints(np.nan_to_num(residual_px), *jacobians, weights / sigma_px**2)
-    return reduced.information, reduced.gradient
+    return _Residuals.of(positions_m, velocities_mps, undistorted_px, rig).equations(weights, sigma_px, config)
 
 
-def _by_offset(
-    positions_m: Float[np.ndarray, "frame joint 3"],
-    velocities_mps: Float[np.ndarray, "frame joint 3"],
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
-    rig: CameraRig,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals in pixels, their derivatives by joints and by offsets, and which of them are known."""
-    residual_px, by_joint, projected = linearized_projection(undistorted_px, rig, positions_m)
-    by_offset = by_joint @ velocities_mps[:, None, ..., None]
-    return residual_px, by_joint, by_offset, projected & np.isfinite(by_offset).all(axis=(-1, -2))
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """Of detections, and their derivatives."""
 
+    px: Float[np.ndarray, "frame camera joint 2"]
+    by_joint: Float[np.ndarray, "frame camera joint 2 3"]
+    by_offset: Float[np.ndarray, "frame camera joint 2 1"]
+    known: Bool[np.ndarray, "frame camera joint"]
 
-def _squares(
-    positions_m: Float[np.ndarray, "frame joint 3"],
-    velocities_mps: Float[np.ndarray, "frame joint 3"],
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
-    weights: Float[np.ndarray, "frame camera joint"],
-    sigma_px: Float[np.ndarray, "frame camera joint"],
-    rig: CameraRig,
-) -> Float[np.ndarray, "2 camera"]:
-    """See OffsetEvidence; of detections that have any weight."""
-    residual_px, _, by_offset, known = _by_offset(positions_m, velocities_mps, undistorted_px, rig)
-    known &= (weights > 0) & np.isfinite(residual_px).all(axis=-1)
-    by_offset = np.where(known[..., None], by_offset[..., 0], 0.0) / sigma_px[..., None]
-    gradient = np.sum(by_offset * np.nan_to_num(residual_px) / sigma_px[..., None], axis=-1)
-    return np.stack([np.sum(gradient**2, axis=(0, 2)), np.sum(by_offset**2, axis=(0, 2, 3))])
+    @staticmethod
+    def of(
+        positions_m: Float[np.ndarray, "frame joint 3"],
+        velocities_mps: Float[np.ndarray, "frame joint 3"],
+        undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+        rig: CameraRig,
+    ) -> _Residuals:
+        px, by_joint, projected = linearized_projection(undistorted_px, rig, positions_m)
+        by_offset = by_joint @ velocities_mps[:, None, ..., None]
+        return _Residuals(px, by_joint, by_offset, projected & np.isfinite(by_offset).all(axis=(-1, -2)))
+
+    def equations(
+        self,
+        weights: Float[np.ndarray, "frame camera joint"],
+        sigma_px: Float[np.ndarray, "frame camera joint"],
+        config: ProjectionConfig,
+    ) -> tuple[Float[np.ndarray, "camera camera"], Float[np.ndarray, " camera"]]:
+        """See offset_information."""
+        squared = np.where(self.known, np.sum(self.px**2, axis=-1), 0.0) / sigma_px**2
+        weights = np.where(self.known, weights * robust_weight(squared, config.kernel, config.kernel_scale), 0.0)
+        jacobians = np.nan_to_num(self.by_joint), np.nan_to_num(self.by_offset)
+        reduced = eliminate_joints(np.nan_to_num(self.px), *jacobians, weights / sigma_px**2)
+        return reduced.information, reduced.gradient
+
+    def squares(
+        self, weights: Float[np.ndarray, "frame camera joint"], sigma_px: Float[np.ndarray, "frame camera joint"]
+    ) -> Float[np.ndarray, "2 camera"]:
+        """See OffsetEvidence; of detections that have any weight."""
+        known = self.known & (weights > 0) & np.isfinite(self.px).all(axis=-1)
+        by_offset = np.where(known[..., None], self.by_offset[..., 0], 0.0) / sigma_px[..., None]
+        gradient = np.sum(by_offset * np.nan_to_num(self.px) / sigma_px[..., None], axis=-1)
+        return np.stack([np.sum(gradient**2, axis=(0, 2)), np.sum(by_offset**2, axis=(0, 2, 3))])
