@@ -157,6 +157,7 @@ class Follower:
         people = PoseFilters.stacked([track.pose for track in self.tracks])
         people, matches = follow(people, exists, moment, self._skeleton.mirror)
         self._score(people, matches, moment)
+        self._put_sides_right(moment, matches)
         return matches
 
     def _put_sides_right(self, moment: Moment, matches: Matches) -> None:
@@ -169,7 +170,7 @@ class Follower:
             track.sides.told(now_s, are_wrong=other is not None)
             if other is None or not track.sides.are_wrong:
                 continue
-            since_s, track.pose, track.sides = track.sides.since_s, other.pose, Sides(now_s)
+            since_s, track.pose, track.sides = track.sides.since_s, other.pose, Sides(recent_s)
             if self._looks_back:
                 self.turned.append((track.number, since_s, other))
             elif track.is_confirmed:
@@ -211,7 +212,6 @@ class Follower:
         for k, track in enumerate(self.tracks):
             track.pose = people[k : k + 1]
             track.told(moment.cameras.names, moment.times_s, shows[:, k], gain[:, k], self._n_agreeing)
-        self._put_sides_right(moment, matches)
 
     def _found(self, now_s: float) -> dict[str, list[NewPerson]]:
         """Follow those who are new, or found again. By camera those whom its newest image shows."""

@@ -101,7 +101,7 @@ class Track:
 
     def __post_init__(self) -> None:
         self.founded_m = self.agreed_m = self.middle_m
-        self.sides = Sides(self.founded_s)
+        self.sides = Sides(self.founded_s - SAME_MOMENT_S)
         self.agreed_s = self.founded_s
         """When enough cameras to tell where last detected them at once; -inf if none did for a while since."""
 
@@ -161,7 +161,7 @@ class Track:
     def found_again(self, pose: PoseFilters, shown_s: Mapping[str, float]) -> None:
         """Cameras agree on where they are."""
         self.pose, self.absent, self.seen_s = pose, 0.0, max(shown_s.values())
-        self.sides = Sides(self.seen_s)
+        self.sides = Sides(self.seen_s - SAME_MOMENT_S)
         self.shown_s |= shown_s
         self.agreed_s, self.agreed_m = self.seen_s, self.middle_m
 

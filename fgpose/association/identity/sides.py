@@ -24,7 +24,6 @@ from fgpose.skeleton import Skeleton
 # seconds.
 _MEMORY_S = 3.0
 _LEAST_S = 0.1  # for so much longer images must speak for other sides than against them
-_FOUNDED_WITHIN_S = 0.05  # the images on which somebody is founded; begun_s is that of the newest
 _LONGEST_S = 0.1  # a moment tells no more than the time since the one before, nor than this
 
 
@@ -34,7 +33,7 @@ class Sides:
     for which they have not."""
 
     begun_s: float
-    """When somebody was founded."""
+    """Time of the first images on which somebody was founded."""
     _since_s: float = -np.inf
     """Until when images said that they are right (CUSUM, Page 1954)."""
     _wrong_s: float = 0.0
@@ -55,8 +54,7 @@ class Sides:
     def since_s(self) -> float:
         """Since when left and right are wrong, if they are: soon after somebody was founded, since then, for nobody who
         is followed changes sides."""
-        was_founded_so = self._since_s < self.begun_s + _MEMORY_S / 2
-        return self.begun_s - _FOUNDED_WITHIN_S if was_founded_so else self._since_s
+        return self.begun_s if self._since_s < self.begun_s + _MEMORY_S / 2 else self._since_s
 
     @property
     def are_wrong(self) -> bool:
@@ -73,13 +71,21 @@ class Shown:
     tracks: list[int]
     """Numbers of those who are followed."""
 
-    def of_track(self, number: int) -> dict[str, tuple[Moment, int]]:
-        """By camera, the detection of somebody alone, and whether its sides are exchanged (Matches.sides)."""
+    def sides_of(self, number: int) -> dict[str, int]:
+        """By camera that shows somebody, whether his sides are exchanged there (Matches.sides)."""
+        if number not in self.tracks:
+            return {}
         k = self.tracks.index(number)
-        chosen, sides = self.matches.chosen[:, k], self.matches.sides[:, k].tolist()
-        own = self.moment.without(np.arange(self.moment.points_px.shape[1]) != chosen[:, None])
-        seen = np.flatnonzero(chosen != NOBODY).tolist()
-        return {self.moment.cameras.names[c]: (own.of_camera(c), sides[c]) for c in seen}
+        shows = zip(
+            self.moment.cameras.names, self.matches.chosen[:, k], self.matches.sides[:, k].tolist(), strict=True
+        )
+        return {name: side for name, chosen, side in shows if chosen != NOBODY}
+
+    def alone(self, number: int, camera: str) -> Moment:
+        """The detection of somebody alone, in the image of one camera that shows him."""
+        c, k = self.moment.cameras.names.index(camera), self.tracks.index(number)
+        own = self.moment.of_camera(c)
+        return own.without(np.arange(own.points_px.shape[1])[None] != self.matches.chosen[c, k])
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +107,16 @@ def turned(shown: Sequence[Shown], number: int, rig: CameraRig, skeleton: Skelet
         number: of his track.
         rig, skeleton: of the images.
     """
-    newest: dict[str, tuple[Moment, int]] = {}
-    if any((each.matches.sides > 0).any() for each in shown):
-        for each in shown:
-            newest |= each.of_track(number) if number in each.tracks else {}
-    cameras = [name for name, (_, side) in newest.items() if side > 0]
+    sides: dict[str, int] = {}
+    newest: dict[str, Shown] = {}
+    for each in shown:
+        own = each.sides_of(number)
+        sides, newest = sides | own, newest | dict.fromkeys(own, each)
+    cameras = [name for name, side in sides.items() if side > 0]
     if not cameras:
         return None
-    n_called_so = sum(side < 0 for _, side in newest.values())
-    people = found(Moment.together([moment for moment, _ in newest.values()], rig), None, skeleton)
+    n_called_so = sum(side < 0 for side in sides.values())
+    people = found(Moment.together([each.alone(number, name) for name, each in newest.items()], rig), None, skeleton)
     if not people or np.count_nonzero(people[0].chosen != NOBODY) <= n_called_so:
         return None
     return Turned(people[0].pose, cameras, n_called_so == 0)
