@@ -240,14 +240,11 @@ class Trajectory(Motion):
     def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> Trajectory:
         """Some of them, as a trajectory whose implausible_frames count from 0. ValueError: the step is negative."""
         number = {frame: n for n, frame in enumerate(np.arange(self.n_frames)[forward(frames)].tolist())}
-        arrays = {name: getattr(self, name) for name in ("covariance_m2", "residual_px", "visibility", "frame_numbers")}
+        names = "time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility", "frame_numbers"
         return replace(
             self,
-            time_s=self.time_s[frames],
-            positions_m=self.positions_m[frames],
-            status=self.status[frames],
             implausible_frames=tuple(number[frame] for frame in self.implausible_frames if frame in number),
-            **{name: None if array is None else array[frames] for name, array in arrays.items()},
+            **{name: None if (array := getattr(self, name)) is None else array[frames] for name in names},
         )
 
     def in_frames(self, time_s: Float[np.ndarray, " all_frames"], frames: Int[np.ndarray, " frame"]) -> Trajectory:

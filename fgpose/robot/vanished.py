@@ -18,6 +18,7 @@ from fgpose.live.tracking.observed import Volume
 from fgpose.robot.body import RADIUS_M
 from fgpose.robot.cell import Limits
 from fgpose.robot.reach import Places
+from fgpose_factors.robust_statistics import known_medians
 
 # Who is founded anew may be turned round, and their middle elsewhere in the body.
 _FOUND_AGAIN_M = 0.5
@@ -99,8 +100,7 @@ def _numbers(frame: LiveFrame) -> set[int | None]:
 
 
 def _middle_m(person: LivePerson) -> Float[np.ndarray, " 3"]:
-    known = np.isfinite(person.positions_m).all(axis=-1)
-    return np.median(person.positions_m[known], axis=0) if known.any() else np.full(3, np.nan)
+    return known_medians(person.positions_m, axis=0)
 
 
 def _apart_m(one_m: Float[np.ndarray, " 3"], other_m: Float[np.ndarray, " 3"]) -> float:
