@@ -28,7 +28,7 @@ from fgpose.sampling import parts_of
 _BREAK_M, _TIMES_USUAL, _USUAL_S = 0.04, 5.0, 1.0
 _OFF_M, _AWAY_M = 0.1, 0.2  # detections err by less; and two people are farther apart
 # Of the joints: where most are off, a view is; where nearly all are, it is not hallucinated joints.
-_OFF, _ELSEWHERE = 0.5, 0.9
+_OFF, _NEARLY_ALL = 0.5, 0.85
 _FASTEST_MPS = 12.0  # nobody is so fast
 _MEET_S = 0.5  # people who meet in an image have passed each other
 _TELL, _KNOWN_S = 2, 1.0  # so many views tell where somebody is, and for so long it is known
@@ -77,10 +77,18 @@ class FollowedViews:
             known_m: where the person is by all views, or was expected; world frame, NaN where that is not known.
             rig: the cameras.
         """
+        anew = self.none(len(points_px), len(known_m))
+        if np.isfinite(self.body.time_s) and time_s - self.body.time_s > _KNOWN_S:
+            return anew.after(points_px, time_s, known_m, rig)
         shows = _any_joint(points_px)
         follows = ~self.gone_over & (np.where(shows, time_s, self.recent.newest_s) >= time_s - RECENT_S)
         line_px = self.recent.expected_px(time_s)
-        breaks, usual_m = self._breaks(points_px, line_px, time_s, known_m, follows, rig)
+        breaks, usual_m = self._breaks(points_px, line_px, time_s, known_m, rig)
+        # Where most views leave their lines, the person does, unless nobody could get there.
+        if 2 * np.count_nonzero(breaks & follows) > np.count_nonzero(follows):
+            if self._is_too_far(known_m, time_s):
+                return anew.after(points_px, time_s, known_m, rig)
+            breaks[:] = False
         unseen_s = time_s - self.recent.newest_s
         breaks |= shows & (unseen_s > RECENT_S) & np.isfinite(unseen_s)
         suspect_s = np.where(breaks, time_s, self.suspect_s)
@@ -89,7 +97,7 @@ class FollowedViews:
         if is_tie:
             trusted = follows
         # Whom most views show together, with those among them that had gone over, is the person.
-        is_told = is_tie and _is_majority(points_px, known_m, shows, rig)
+        is_told = _is_majority(points_px, known_m, shows, rig, _OFF if is_tie else 1 - _NEARLY_ALL)
         if not is_told and ((follows & ~trusted).any() or (self.gone_over & shows).any()):
             now_px = np.where(shows[:, None, None], points_px, line_px)
             known_m = self._located_m(np.where(trusted[:, None, None], now_px, np.nan), time_s, rig)
@@ -101,12 +109,12 @@ class FollowedViews:
         since_s = np.where(changes, time_s, self.since_s)
         suspect_s = np.where(is_off & (time_s - suspect_s <= _MEET_S), time_s, suspect_s)
 
-        elsewhere = (share_off >= _ELSEWHERE) & (away_m > _AWAY_M)
+        elsewhere = (share_off >= _NEARLY_ALL) & (away_m > _AWAY_M)
         goes = follows & elsewhere & np.isfinite(since_s) & (body.time_s == time_s)
         n_stay = np.count_nonzero(trusted & ~goes & ~(is_off & shows))
         told_s = time_s if n_stay >= _TELL else self.told_s
         goes &= n_stay >= max(_TELL, np.count_nonzero(goes | (self.gone_over & shows)) + is_tie)
-        is_with = share_off <= 1 - _ELSEWHERE  # who passes is not where nearly all joints are
+        is_with = share_off <= 1 - _NEARLY_ALL  # who passes is not where nearly all joints are
         comes_back = shows & ~is_off & (breaks | is_with | (time_s - since_s >= _MEET_S))
         gone_over = (self.gone_over | goes) & ~comes_back & (time_s - told_s <= _KNOWN_S)
         recent = self.recent.plus(points_px, shows, time_s)
@@ -118,16 +126,13 @@ class FollowedViews:
         line_px: Float[np.ndarray, "camera joint 2"],
         time_s: float,
         known_m: Float[np.ndarray, "joint 3"],
-        follows: Bool[np.ndarray, " camera"],
         rig: CameraRig,
     ) -> tuple[Bool[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
-        """In which views the whole body leaves its line, and how far it usually leaves it. Where it does so in most of
-        them, it is the person who does."""
+        """In which views the whole body leaves its line, and how far it usually leaves it."""
         known_m = np.where(np.isnan(known_m), self.body.at(time_s), known_m)
         left_m = known_medians((points_px - line_px) / rig.px_per_m(known_m)[..., None])
         break_m = np.linalg.norm(left_m, axis=-1)
         breaks = break_m > np.maximum(_BREAK_M, _TIMES_USUAL * self.usual_m)
-        breaks &= 2 * np.count_nonzero(breaks & follows) <= np.count_nonzero(follows)
         passed_s = np.clip(time_s - self.recent.newest_s, 0.0, RECENT_S)
         share = np.where(np.isfinite(break_m), -np.expm1(-passed_s / _USUAL_S), 0.0)
         usual_m = self.usual_m + share * (np.minimum(np.nan_to_num(break_m), _OFF_M) - self.usual_m)
@@ -136,17 +141,24 @@ class FollowedViews:
     def _located_m(
         self, points_px: Float[np.ndarray, "camera joint 2"], time_s: float, rig: CameraRig
     ) -> Float[np.ndarray, "joint 3"]:
-        """Where these views have the person; NaN where they do not tell, or have nobody who could get there."""
-        views, nowhere_m = _any_joint(points_px), np.full((points_px.shape[1], 3), np.nan)
+        """Where these views have the person; NaN where they do not tell, contradict each other, or have nobody who
+        could get there."""
+        is_seen, nowhere_m = np.isfinite(points_px[..., 0]), np.full((points_px.shape[1], 3), np.nan)
+        views, n_shared = _any_joint(points_px), np.count_nonzero(np.count_nonzero(is_seen, axis=0) >= _TELL)
         if np.count_nonzero(views) < _TELL:
             return nowhere_m
-        located_m = triangulate_robust(points_px, np.isfinite(points_px[..., 0]).astype(float), rig).positions_m
-        if 2 * np.count_nonzero(np.isfinite(located_m[:, 0])) < len(located_m):
+        located_m = triangulate_robust(points_px, is_seen.astype(float), rig).positions_m
+        # Two views agree on some joints of any two bodies, and what they agree on may be far along their rays.
+        n_located = np.count_nonzero(np.isfinite(located_m[:, 0]))
+        if n_located < max(len(located_m) / 2, _NEARLY_ALL * n_shared):
             return nowhere_m
         apart_rad = parallax_rad(known_medians(located_m[None])[0], views, rig)
-        moved_m = np.linalg.norm(known_medians((located_m - self.body.at(time_s))[None]))
-        is_too_far = moved_m > _AWAY_M + _FASTEST_MPS * (time_s - self.body.time_s)
-        return nowhere_m if apart_rad < _APART_RAD or is_too_far else located_m
+        return nowhere_m if apart_rad < _APART_RAD or self._is_too_far(located_m, time_s) else located_m
+
+    def _is_too_far(self, positions_m: Float[np.ndarray, "joint 3"], time_s: float) -> bool:
+        """Whether nobody could get there."""
+        moved_m = np.linalg.norm(known_medians((positions_m - self.body.at(time_s))[None]))
+        return bool(moved_m > _AWAY_M + _FASTEST_MPS * (time_s - self.body.time_s))
 
 
 def views_gone_over(observations: Observations, rig: CameraRig) -> Bool[np.ndarray, "frame camera"]:
@@ -193,9 +205,11 @@ def _is_majority(
     person_m: Float[np.ndarray, "joint 3"],
     shows: Bool[np.ndarray, " camera"],
     rig: CameraRig,
+    off: float,
 ) -> bool:
-    """Whether most of the views, and more than any two that meet by chance, show somebody there."""
-    n_there = np.count_nonzero(shows & (_away(points_px, person_m, rig)[0] <= _OFF))
+    """Whether most of the views, and more than any two that meet by chance, show somebody there, with at most this
+    share of the joints off."""
+    n_there = np.count_nonzero(shows & (_away(points_px, person_m, rig)[0] <= off))
     return bool(n_there > max(_TELL, np.count_nonzero(shows) / 2))
 
 
