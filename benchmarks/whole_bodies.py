@@ -1,7 +1,8 @@
 """Hands and faces: errors against the truth by part, and the time that they take beside a body of 17 joints.
 
-``python whole_bodies.py [--frames 150] [--clips cmu_02_05 ...]`` prints Markdown tables. Ratios of processor time are
-of runs in turn. Bodies move as in motion capture; hands and faces are made (fgpose_benchmarks.synthetic.whole_body).
+``python whole_bodies.py [--frames 150] [--clips cmu_02_05 ...] [--online]`` prints Markdown tables. Ratios of
+processor time are of runs in turn. Bodies move as in motion capture; hands and faces are made
+(fgpose_benchmarks.synthetic.whole_body).
 """
 
 from __future__ import annotations
@@ -105,10 +106,14 @@ def _batch_ratio(clip: str, n_frames: int, occlusion: Occlusion) -> float:
 
 
 def _online_ms(scene: Scene) -> np.ndarray:
-    """Median and 99 % of the processor time of an update by the window solver."""
+    """Median and 99 % of the processor time of an update by the window solver, tidied between images as by
+    `fgpose live`."""
     estimator = fgpose.Estimator(scene.rig, scene.observations.skeleton, fgpose.Config(online={"solver": "window"}))
-    frames = [scene.observations.frames(slice(frame, frame + 1)) for frame in range(scene.observations.n_frames)]
-    times_s = [_cpu_s(lambda frame=frame: estimator.update(frame)) for frame in frames]
+    times_s = []
+    for frame in range(scene.observations.n_frames):
+        image = scene.observations.frames(slice(frame, frame + 1))
+        times_s.append(_cpu_s(lambda image=image: estimator.update(image)))
+        estimator.tidy()
     return 1e3 * np.percentile(times_s[_WARM_UP_FRAMES:], (50, 99))
 
 
@@ -116,12 +121,14 @@ def _main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--frames", type=int, default=150)
     arguments.add_argument("--clips", nargs="+", default=["cmu_02_05"])
+    arguments.add_argument("--online", action="store_true", help="only the time of an update")
     given = arguments.parse_args()
-    for row in _errors(given.clips, given.frames):
+    for row in () if given.online else _errors(given.clips, given.frames):
         print(row, flush=True)
     for name, occlusion in _OCCLUSIONS.items():
         clip = given.clips[0]
-        print(f"batch, 133 joints over 17, {name}: {_batch_ratio(clip, given.frames, occlusion):.1f}", flush=True)
+        if not given.online:
+            print(f"batch, 133 joints over 17, {name}: {_batch_ratio(clip, given.frames, occlusion):.1f}", flush=True)
         hands = _online_ms(_scene(clip, given.frames, "holistic_75", occlusion))
         body = _online_ms(_body(clip, given.frames, occlusion))
         print(
