@@ -65,6 +65,7 @@ class FollowedViews:
     def after(
         self,
         points_px: Float[np.ndarray, "camera joint 2"],
+        confidence: Float[np.ndarray, "camera joint"],
         time_s: float,
         known_m: Float[np.ndarray, "joint 3"],
         rig: CameraRig,
@@ -73,13 +74,14 @@ class FollowedViews:
 
         Args:
             points_px: undistorted; NaN where nothing is detected.
+            confidence: of the detections.
             time_s: when the images were taken.
             known_m: where the person is by all views, or was expected; world frame, NaN where that is not known.
             rig: the cameras.
         """
         anew = self.none(len(points_px), len(known_m))
         if np.isfinite(self.body.time_s) and time_s - self.body.time_s > _KNOWN_S:
-            return anew.after(points_px, time_s, known_m, rig)
+            return anew.after(points_px, confidence, time_s, known_m, rig)
         shows = _any_joint(points_px)
         follows = ~self.gone_over & (np.where(shows, time_s, self.recent.newest_s) >= time_s - RECENT_S)
         line_px = self.recent.expected_px(time_s)
@@ -87,7 +89,7 @@ class FollowedViews:
         # Where most views leave their lines, the person does, unless nobody could get there.
         if 2 * np.count_nonzero(breaks & follows) > np.count_nonzero(follows):
             if self._is_too_far(known_m, time_s):
-                return anew.after(points_px, time_s, known_m, rig)
+                return anew.after(points_px, confidence, time_s, known_m, rig)
             breaks[:] = False
         unseen_s = time_s - self.recent.newest_s
         breaks |= shows & (unseen_s > RECENT_S) & np.isfinite(unseen_s)
@@ -96,11 +98,15 @@ class FollowedViews:
         is_tie = np.count_nonzero(trusted) < _TELL
         if is_tie:
             trusted = follows
-        # Whom most views show together, with those among them that had gone over, is the person.
-        is_told = _is_majority(points_px, known_m, shows, rig, _OFF if is_tie else 1 - _NEARLY_ALL)
-        if not is_told and ((follows & ~trusted).any() or (self.gone_over & shows).any()):
-            now_px = np.where(shows[:, None, None], points_px, line_px)
-            known_m = self._located_m(np.where(trusted[:, None, None], now_px, np.nan), time_s, rig)
+        if (follows & ~trusted).any() or (self.gone_over & shows).any():
+            # Whom most views show together, with those among them that had gone over, is the person.
+            together_m = triangulate_robust(points_px, confidence, rig).positions_m
+            off = _OFF if is_tie else 1 - _NEARLY_ALL
+            if _is_majority(points_px, together_m, shows, rig, off):
+                known_m = together_m
+            else:
+                now_px = np.where(shows[:, None, None], points_px, line_px)
+                known_m = self._located_m(np.where(trusted[:, None, None], now_px, np.nan), time_s, rig)
         body = self.body.seen(known_m, time_s)
         share_off, away_m = _away(points_px, body.at(time_s), rig)
         is_off = np.where(np.isnan(share_off), self.is_off, share_off > _OFF)
@@ -166,8 +172,8 @@ def views_gone_over(observations: Observations, rig: CameraRig) -> Bool[np.ndarr
     person."""
     time_s, found = observations.frame_time_s, np.zeros((observations.n_frames, observations.n_cameras), dtype=bool)
     before = FollowedViews.none(observations.n_cameras, len(observations.skeleton.body))
-    for frame, (points_px, known_m) in enumerate(_located(observations, rig)):
-        views = before.after(points_px, float(time_s[frame]), known_m, rig)
+    for frame, (points_px, confidence, known_m) in enumerate(_located(observations, rig)):
+        views = before.after(points_px, confidence, float(time_s[frame]), known_m, rig)
         found[frame] = views.gone_over
         for camera in np.flatnonzero(views.gone_over & ~before.gone_over):
             found[: frame + 1, camera] |= time_s[: frame + 1] >= views.since_s[camera]
@@ -177,13 +183,15 @@ def views_gone_over(observations: Observations, rig: CameraRig) -> Bool[np.ndarr
 
 def _located(
     observations: Observations, rig: CameraRig
-) -> Iterator[tuple[Float[np.ndarray, "camera joint 2"], Float[np.ndarray, "joint 3"]]]:
-    """Of each frame the undistorted detections of the body, and where all views together have it."""
+) -> Iterator[
+    tuple[Float[np.ndarray, "camera joint 2"], Float[np.ndarray, "camera joint"], Float[np.ndarray, "joint 3"]]
+]:
+    """Of each frame the undistorted detections of the body, their confidence, and where all views together have it."""
     body = list(observations.skeleton.body)
     for part in parts_of(observations.n_frames, FRAMES_AT_ONCE):
         points_px = rig.undistort(observations.points2d_px[part][:, :, body])
         confidence = observations.confidence[part][:, :, body].astype(float)
-        yield from zip(points_px, triangulate_robust(points_px, confidence, rig).positions_m, strict=True)
+        yield from zip(points_px, confidence, triangulate_robust(points_px, confidence, rig).positions_m, strict=True)
 
 
 def _away(
