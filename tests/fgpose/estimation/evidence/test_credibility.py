@@ -79,9 +79,11 @@ def test_of_a_stream() -> None:
     assert of_stream(np.concatenate([of_joints(0.8)] * 3 + [of_joints(0.05)]), 9.0 * np.arange(4))[-1] == 0.0
 
 
-def legs_guessed(rig: CameraRig, skeleton: Skeleton, confidence: float) -> tuple[Observations, np.ndarray, list[int]]:
+def legs_guessed(
+    rig: CameraRig, skeleton: Skeleton, confidence: float, n_frames: int = 45
+) -> tuple[Observations, np.ndarray, list[int]]:
     """All views put the legs straight down; in truth the person sits. And the truth, and the joints of the legs."""
-    guessed_m = walking(45, FPS, skeleton)
+    guessed_m = walking(n_frames, FPS, skeleton)
     truth_m, legs = guessed_m.copy(), []
     for side in ("left", "right"):
         hip, knee, ankle = (skeleton.index(f"{side}_{joint}") for joint in ("hip", "knee", "ankle"))
@@ -118,6 +120,37 @@ def test_guesses_are_predicted_and_their_claims_contain_the_truth(
     assert sigma_m[:, rest].max() < 0.05  # the others are known as before
     assert trajectory.visibility is not None
     assert np.nanmax(trajectory.visibility[:, :, legs]) < 0.5
+
+
+def test_guesses_that_are_less_sure_than_the_joint_before(rig: CameraRig, skeleton: Skeleton) -> None:
+    """Two seconds seen, then two seconds guessed with two thirds of the confidence, in all cameras: 22 % were within."""
+    observations, truth_m, legs = legs_guessed(rig, skeleton, 0.5, 120)
+    seen = simulate(truth_m, skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=1).observations
+    is_guessed, rest = np.arange(120) >= 60, [joint for joint in range(skeleton.n_joints) if joint not in legs]
+    observations = replace(
+        observations,
+        points2d_px=np.where(is_guessed[:, None, None, None], observations.points2d_px, seen.points2d_px),
+        confidence=np.where(is_guessed[:, None, None], observations.confidence, seen.confidence),
+        points3d_m=None,
+        covariance3d_m2=None,
+    )
+    trajectory, estimator = fgpose.smooth(observations, rig), fgpose.Estimator(rig, skeleton)
+    covariance_m2 = np.stack([estimator.update(frame).covariance_m2 for frame in observations])
+    guesses = trajectory.frames(slice(90, 120))
+    assert share_within(guesses, truth_m[90:], legs) > 0.95
+    assert (guesses.status[:, legs] == Status.PREDICTED).all()
+    assert guesses.covariance_m2 is not None
+    for of_m2 in (guesses.covariance_m2[:, rest], trajectory.covariance_m2[:60], covariance_m2[20:60]):
+        assert np.sqrt(np.trace(of_m2, axis1=-2, axis2=-1) / 3).max() < 0.05  # the others and before: as ever
+    assert np.median(np.sqrt(np.trace(covariance_m2[90:][:, legs], axis1=-2, axis2=-1) / 3)) > 0.1
+
+
+def test_what_all_joints_state_less_is_no_guess() -> None:
+    """Somebody walks away: all joints lose more than a quarter of their confidence; one always has less."""
+    time_s = np.arange(300) / FPS
+    confidence = np.linspace(0.9, 0.65, 300)[:, None, None] * np.array([1.0, 1.0, 0.85])[None, None]
+    np.testing.assert_array_equal(credible(confidence.repeat(2, axis=1), time_s), 1.0)
+    np.testing.assert_array_equal(of_stream(confidence.repeat(2, axis=1), time_s), 1.0)
 
 
 def test_guesses_are_predicted_online(rig: CameraRig, skeleton: Skeleton) -> None:
