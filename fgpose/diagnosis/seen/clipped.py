@@ -11,6 +11,7 @@ from jaxtyping import Bool
 from fgpose.diagnosis.examined import Examined
 from fgpose.estimation.evidence.plausibility import clipped_to_images
 from fgpose.finding import Code, Finding, Severity
+from fgpose.trajectory import Trajectory
 
 # By chance a few detections stand there, of whole numbers one in some hundred.
 _NOTICED_SHARE = 0.01
@@ -30,7 +31,24 @@ class Clipped:
     def as_missing(self, examined: Examined) -> Examined:
         """As estimators take them."""
         people = {person: seen.without(self.of[person]) for person, seen in examined.people.items()}
-        return replace(examined, people=people)
+        result = examined.result
+        if result is not None:
+            result = replace(
+                result, people={person: self._unjudged(person, of) for person, of in result.people.items()}
+            )
+        return replace(examined, people=people, result=result)
+
+    def _unjudged(self, person: int, trajectory: Trajectory) -> Trajectory:
+        """What is left out contradicts nothing, and is at no other joint."""
+        clipped = self.of.get(person)
+        if clipped is None or trajectory.residual_px is None or trajectory.visibility is None:
+            return trajectory
+        if clipped.shape != trajectory.visibility.shape:
+            return trajectory
+        residual_px, visibility = (
+            np.where(clipped, np.nan, of) for of in (trajectory.residual_px, trajectory.visibility)
+        )
+        return replace(trajectory, residual_px=residual_px, visibility=visibility)
 
     def findings(self, examined: Examined) -> list[Finding]:
         n_seen = sum(own.seen.sum(axis=(0, 2)) for own in examined.people.values())

@@ -11,6 +11,7 @@ from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.hypotheses.consistency import SPREAD_M
 from fgpose.diagnosis.hypotheses.scene import limb_joints
+from fgpose.estimation.evidence.credibility import credible
 from fgpose.finding import Code, Finding, Severity
 from fgpose.observations import Observations
 from fgpose.sampling import frames_per_second, parts_of
@@ -20,6 +21,8 @@ from fgpose_factors.robust_statistics import robust_sigma
 # half of the time on the far side of the body 0.4 (balance_openpose). Throughout: three quarters of the time, as knees
 # and ankles behind occluders have 0.28 times it half of the time (fgpose_benchmarks/data/detection_errors).
 _LOW, _THROUGHOUT = 0.4, 0.75
+# Of the frames, in which a joint may be guessed in all views.
+_DOUBTED = 0.03
 # Compared are images of about this rate: what passes is faster than 3 Hz. Slower recordings cannot tell.
 _RATE_HZ, LOWEST_HZ = 12.0, 9.0
 _FAST = 0.75  # quantile of the speed: filters of networks for video follow what moves
@@ -52,7 +55,7 @@ def low_confidence(examined: Examined) -> list[Finding]:
     joints = skeleton.joints
     low = [joint for joint, level in zip(joints, highest, strict=True) if level < _LOW * usual]
     if not low:
-        return []
+        return _doubted(examined.main)
     level = max(float(level) for level in highest if level < _LOW * usual)
     return [
         Finding(
@@ -64,6 +67,27 @@ def low_confidence(examined: Examined) -> list[Finding]:
             "a skeleton without these joints.",
             0.5 * len(low) / len(joints),
             numbers={"confidence": level, "usual": usual},
+        )
+    ]
+
+
+def _doubted(observations: Observations) -> list[Finding]:
+    """Joints that are hardly called observed for their confidence, on whatever the views agree."""
+    said = np.where(observations.seen.any(axis=1), credible(observations.confidence, observations.frame_time_s), np.nan)
+    n_seen, skeleton = np.isfinite(said).sum(axis=0), observations.skeleton
+    doubt = 1 - np.nansum(said, axis=0) / np.maximum(n_seen, 1)
+    doubted = [joint for joint, of, n in zip(skeleton.joints, doubt, n_seen, strict=True) if n and of > _DOUBTED]
+    if not doubted:
+        return []
+    return [
+        Finding(
+            Code.LOW_CONFIDENCE,
+            Severity.NOTE,
+            f"The network is less sure of {in_words_by_part(skeleton, doubted)} than of other joints, or than at other "
+            "times, and may guess them in all views: their covariances contain that, however well the views agree",
+            "If they are seen, give confidences that mean the same for all joints, or none.",
+            0.2 * float(doubt[n_seen > 0].max()),
+            numbers={"doubt": float(doubt[n_seen > 0].max())},
         )
     ]
 

@@ -123,7 +123,7 @@ def test_guesses_are_predicted_and_their_claims_contain_the_truth(
 
 
 def test_guesses_that_are_less_sure_than_the_joint_before(rig: CameraRig, skeleton: Skeleton) -> None:
-    """Two seconds seen, then two seconds guessed with two thirds of the confidence, in all cameras: 22 % were within."""
+    """Two seconds seen, then guessed for two with two thirds of the confidence, in all cameras: 22 % were within."""
     observations, truth_m, legs = legs_guessed(rig, skeleton, 0.5, 120)
     seen = simulate(truth_m, skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=1).observations
     is_guessed, rest = np.arange(120) >= 60, [joint for joint in range(skeleton.n_joints) if joint not in legs]
