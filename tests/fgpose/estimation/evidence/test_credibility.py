@@ -135,11 +135,13 @@ def test_guesses_that_are_less_sure_than_the_joint_before(rig: CameraRig, skelet
         covariance3d_m2=None,
     )
     trajectory, estimator = fgpose.smooth(observations, rig), fgpose.Estimator(rig, skeleton)
-    covariance_m2 = np.stack([estimator.update(frame).covariance_m2 for frame in observations])
+    estimates = [estimator.update(frame) for frame in observations]
+    covariance_m2 = np.stack([of for estimate in estimates if (of := estimate.covariance_m2) is not None])
     guesses = trajectory.frames(slice(90, 120))
     assert share_within(guesses, truth_m[90:], legs) > 0.95
     assert (guesses.status[:, legs] == Status.PREDICTED).all()
     assert guesses.covariance_m2 is not None
+    assert trajectory.covariance_m2 is not None
     for of_m2 in (guesses.covariance_m2[:, rest], trajectory.covariance_m2[:60], covariance_m2[20:60]):
         assert np.sqrt(np.trace(of_m2, axis1=-2, axis2=-1) / 3).max() < 0.05  # the others and before: as ever
     assert np.median(np.sqrt(np.trace(covariance_m2[90:][:, legs], axis1=-2, axis2=-1) / 3)) > 0.1
