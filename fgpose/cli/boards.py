@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 _DESCRIBED = (
     "charuco:7x5:30mm:22mm:DICT_5X5_100 (squares, side, side of the markers, dictionary), chessboard:9x6:25mm (inner "
-    "corners, side), circles:4x11:20mm (staggered; in a row, rows, distance of the rows), or a file that describes one "
-    "(board.toml; Pose2Sim, anipose, caliscope, OpenCV)."
+    "corners, side), circles:4x11:20mm (staggered; in a row, rows, distance of the rows), each with :inverted at its "
+    "end if it is white on black, or a file that describes one (board.toml; Pose2Sim, anipose, caliscope, OpenCV)."
 )
 _BOARD = f"Calibrate with a board that is carried before the cameras, instead of people: {_DESCRIBED}"
 _LENS = "Of --board: the model of the lenses. auto: pinhole, or fisheye where that explains the views clearly better."

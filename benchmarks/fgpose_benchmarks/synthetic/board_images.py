@@ -19,6 +19,11 @@ _GREY = 128.0  # of the room
 def printed(board: Board) -> tuple[UInt8[np.ndarray, "height width"], Float[np.ndarray, " 2"]]:
     """The board from its front with a white margin of a square, and where in it the origin of its frame is; a square
     has 40 pixels."""
+    image, origin_px = _black_on_white(board)
+    return ~image if board.inverted else image, origin_px
+
+
+def _black_on_white(board: Board) -> tuple[UInt8[np.ndarray, "height width"], Float[np.ndarray, " 2"]]:
     n, (columns, rows) = _PX_PER_SQUARE, board.size
     if board.kind == "charuco":
         image = np.asarray(opencv_charuco(board).generateImage((n * (columns + 2), n * (rows + 2)), marginSize=n))

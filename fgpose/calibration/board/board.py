@@ -24,6 +24,7 @@ _SIZE = re.compile(r"(\d{1,3})[xX×](\d{1,3})")
 _LEAST, _MOST = 2, 100  # points along a side
 _LEAST_M, _MOST_M = 1e-3, 2.0  # of a square
 _DICTIONARY = "DICT_4X4_250"
+_INVERTED = "inverted"
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class Board:
     """Side of a marker of charuco."""
     dictionary: str = ""
     """Of the markers of charuco, as OpenCV calls it."""
+    inverted: bool = False
+    """Whether it is printed white on black, as caliscope can."""
 
     def __post_init__(self) -> None:
         if not all(_LEAST <= side <= _MOST for side in self.size):
@@ -99,6 +102,8 @@ class Board:
         parts = [self.kind, f"{self.size[0]}x{self.size[1]}", f"{1e3 * self.square_m:.6g}mm"]
         if self.kind == "charuco":
             parts += [f"{1e3 * self.marker_m:.6g}mm", self.dictionary]
+        if self.inverted:
+            parts.append(_INVERTED)
         return ":".join(parts)
 
 
@@ -121,8 +126,12 @@ def load_board(text: str) -> Board:
 
 def parse_board(text: str) -> Board:
     """charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY], chessboard:COLUMNSxROWS:SQUARE or circles:COLUMNSxROWS:SPACING,
-    lengths with mm, cm, m or in. Raises ValueError, which says what is wrong with it."""
+    lengths with mm, cm, m or in; then :inverted of one that is white on black. Raises ValueError, which
+    says what is wrong with it."""
     kind, *parts = text.strip().split(":")
+    inverted = parts[-1:] == [_INVERTED]
+    if inverted:
+        parts.pop()
     n_lengths = 2 if kind == "charuco" else 1
     if kind not in ("charuco", "chessboard", "circles"):
         meant = "".join(f" (did you mean {near}?)" for near in nearest(kind, get_args(BoardKind)))
@@ -135,7 +144,7 @@ def parse_board(text: str) -> Board:
     square_m, marker_m = [*(_length_m(part, text) for part in parts[1 : 1 + n_lengths]), 0.0][:2]
     dictionary = parts[3] if len(parts) > 3 else _DICTIONARY if kind == "charuco" else ""
     try:
-        return Board(kind, (int(size[1]), int(size[2])), square_m, marker_m, dictionary)
+        return Board(kind, (int(size[1]), int(size[2])), square_m, marker_m, dictionary, inverted)
     except ValueError as error:
         raise ValueError(f"{text!r}: {error}") from None
 

@@ -48,7 +48,18 @@ def opencv_charuco(board: Board, *, legacy: bool = False) -> cv2.aruco.CharucoBo
 
 def detector_of(board: Board) -> Detector:
     """That finds such boards."""
-    return {"charuco": _Charuco, "chessboard": _Chessboard, "circles": _Circles}[board.kind](board)
+    detector = {"charuco": _Charuco, "chessboard": _Chessboard, "circles": _Circles}[board.kind](board)
+    return _Inverted(detector) if board.inverted else detector
+
+
+class _Inverted:
+    """A board that is white on black, as one that is black on white."""
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector = detector
+
+    def find(self, image: Grey) -> Float[np.ndarray, "point 2"] | None:
+        return self._detector.find(~image)
 
 
 class _Charuco:

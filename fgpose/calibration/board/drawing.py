@@ -67,7 +67,7 @@ def board_pdf(board: Board) -> bytes:
     sheet = sheet_of(board)
     width_m, height_m = _extent_m(board)
     left_m, top_m = (sheet.width_m - width_m) / 2, (sheet.height_m + height_m) / 2 + _TEXT_M
-    shapes = [f"1 0 0 1 {left_m / _POINT_M:.4f} {top_m / _POINT_M:.4f} cm", *_shapes(board)]
+    shapes = [f"1 0 0 1 {left_m / _POINT_M:.4f} {top_m / _POINT_M:.4f} cm", *_ground(board), *_shapes(board), "0 g"]
     below_pt = -(height_m + _MARGIN_M / 2 + _TEXT_M) / _POINT_M
     label = f"{board.text}  print at 100 %; the line measures 100 mm"
     ruler_pt = _RULER_M / _POINT_M
@@ -93,6 +93,14 @@ def _extent_m(board: Board) -> tuple[float, float]:
     if board.kind == "chessboard":
         return (columns + 1) * board.square_m, (rows + 1) * board.square_m
     return 2 * columns * board.square_m, (rows + 1) * board.square_m
+
+
+def _ground(board: Board) -> Iterator[str]:
+    """Of an inverted board: black to halfway into the margin, for detectors need it around the board; white on it."""
+    if board.inverted:
+        width_m, height_m = _extent_m(board)
+        yield _rectangle(-_MARGIN_M / 2, -_MARGIN_M / 2, width_m + _MARGIN_M, height_m + _MARGIN_M)
+        yield "1 g"
 
 
 def _shapes(board: Board) -> Iterator[str]:
@@ -134,8 +142,12 @@ def _marker(black: np.ndarray, x_m: float, y_m: float, board: Board) -> Iterator
 
 
 def _box(x_m: float, y_m: float, side_m: float) -> str:
-    x, y, side = x_m / _POINT_M, y_m / _POINT_M, side_m / _POINT_M
-    return f"{x:.4f} {-y - side:.4f} {side:.4f} {side:.4f} re f"
+    return _rectangle(x_m, y_m, side_m, side_m)
+
+
+def _rectangle(x_m: float, y_m: float, width_m: float, height_m: float) -> str:
+    x, y, width, height = (length_m / _POINT_M for length_m in (x_m, y_m, width_m, height_m))
+    return f"{x:.4f} {-y - height:.4f} {width:.4f} {height:.4f} re f"
 
 
 def _circle(x_m: float, y_m: float, radius_m: float) -> str:

@@ -93,7 +93,8 @@ def _caliscope(charuco: Mapping[str, Any]) -> str:
             raise ValueError(f"unknown unit {charuco['units']!r}; known: inch, cm, mm")
         square_mm = unit_mm * min(float(charuco["board_width"]) / columns, float(charuco["board_height"]) / rows)
     marker_mm = square_mm * float(charuco["aruco_scale"])
-    return f"charuco:{columns}x{rows}:{square_mm:.6g}mm:{marker_mm:.6g}mm:{charuco['dictionary']}"
+    inverted = ":inverted" if charuco.get("inverted") else ""
+    return f"charuco:{columns}x{rows}:{square_mm:.6g}mm:{marker_mm:.6g}mm:{charuco['dictionary']}{inverted}"
 
 
 def _opencv(document: Mapping[str, Any]) -> str:

@@ -18,11 +18,21 @@ _POINT_MM = 25.4 / 72
 
 
 @pytest.mark.parametrize(
-    "text", ["charuco:7x5:30mm:22mm:DICT_5X5_100", "chessboard:9x6:25mm", "circles:4x11:20mm", "chessboard:5x4:12.7mm"]
+    "text",
+    [
+        "charuco:7x5:30mm:22mm:DICT_5X5_100",
+        "chessboard:9x6:25mm",
+        "circles:4x11:20mm",
+        "chessboard:5x4:12.7mm",
+        "charuco:7x5:30mm:22mm:DICT_5X5_100:inverted",
+    ],
 )
-def test_a_description_says_all(text: str) -> None:
+def test_a_description_says_all(text: str, tmp_path: Path) -> None:
     board = parse_board(text)
     assert board.text == text
+    assert board.inverted is text.endswith(":inverted")
+    (tmp_path / "board.toml").write_text(f'board = "{text}"')
+    assert load_board(str(tmp_path / "board.toml")) == board
     assert board.points_m.shape == (board.n_points, 3)
 
 
@@ -105,6 +115,12 @@ def test_boards_that_look_the_same_after_half_a_turn() -> None:
             "units = 'cm'\naruco_scale = 0.75",
             "charuco:4x5:100mm:75mm:DICT_4X4_50",
         ),
+        (
+            "inverted.toml",
+            "[charuco]\ncolumns = 4\nrows = 5\ndictionary = 'DICT_4X4_1000'\naruco_scale = 0.75\ninverted = true\n"
+            "square_size_overide_cm = 5.4",
+            "charuco:4x5:54mm:40.5mm:DICT_4X4_1000:inverted",
+        ),
         ("camera.yml", "%YAML:1.0\n---\nboard_width: 9\nboard_height: 6\nsquare_size: 25.", "chessboard:9x6:25mm"),
     ],
 )
@@ -155,15 +171,22 @@ def test_the_pdf_has_its_true_size(text: str, tmp_path: Path) -> None:
         assert set(np.round(boxes[~np.isclose(boxes[:, 2], 30.0), 2], 3)) == {round(20 / 6, 3)}
 
 
-def test_the_charuco_of_the_pdf_is_opencvs() -> None:
+@pytest.mark.parametrize("inverted", [False, True])
+def test_the_charuco_of_the_pdf_is_opencvs(inverted: bool) -> None:
     """Cell by cell: the drawing as pixels, a millimetre each, against OpenCV's picture."""
-    board = parse_board("charuco:7x6:30mm:18mm:DICT_4X4_50")
-    drawn = np.full((180, 210), 255, np.uint8)
-    boxes = re.findall(rb"([\d.-]+) ([\d.-]+) ([\d.-]+) [\d.-]+ re", board_pdf(board))
-    for x, y, side in np.rint(np.array(boxes, dtype=float) * _POINT_MM).astype(int).tolist():
-        drawn[-y - side : -y, x : x + side] = 0
+    board = replace(parse_board("charuco:7x6:30mm:18mm:DICT_4X4_50"), inverted=inverted)
+    drawn, grey, margin = np.full((190, 220), 255, np.uint8), 0, 5
+    for x, y, width, height, new_grey in re.findall(
+        rb"([\d.-]+) ([\d.-]+) ([\d.-]+) ([\d.-]+) re|([01]) g", board_pdf(board)
+    ):
+        if new_grey:
+            grey = 255 * int(new_grey)
+            continue
+        left, top, across, along = np.rint(np.array([x, y, width, height], dtype=float) * _POINT_MM).astype(int)
+        drawn[margin - top - along : margin - top, margin + left : margin + left + across] = grey
     expected = np.asarray(opencv_charuco(board).generateImage((210, 180)))
-    assert (drawn == expected).mean() > 0.999
+    expected = np.pad(expected, margin, constant_values=255)
+    assert (drawn == (~expected if inverted else expected)).mean() > 0.999
 
 
 def test_a_large_board_gets_a_sheet_of_its_own() -> None:

@@ -20,6 +20,9 @@ from fgpose_benchmarks.synthetic.boards import seen_px, simulate_boards
         "charuco:6x6:140mm:105mm:DICT_4X4_50",
         "chessboard:7x4:110mm",
         "circles:4x7:70mm",
+        "charuco:6x6:140mm:105mm:DICT_4X4_50:inverted",
+        "chessboard:7x4:110mm:inverted",
+        "circles:4x7:70mm:inverted",
     ],
 )
 def test_corners_are_where_they_are(text: str) -> None:
