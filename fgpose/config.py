@@ -40,6 +40,7 @@ from fgpose.parameters import (
     VisibilityConfig,
 )
 from fgpose.plain_files import MAX_SETTINGS_BYTES, naming, read_settings
+from fgpose.shown import Shown
 
 __all__ = [
     "CalibrationConfig",
@@ -90,8 +91,8 @@ class Sections(TypedDict, total=False):
     monocular: MonocularConfig | Section
 
 
-@dataclass(frozen=True, init=False)
-class Config:
+@dataclass(frozen=True, init=False, repr=False)
+class Config(Shown):
     """All parameters of fgpose: ``Config(online={"lag_s": 0.2}, motion={"model": "random_walk"})``. Frozen.
 
     Raises:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.sampling import mean_times_s, nearest
+from fgpose.shown import Shown
 
 NO_IMAGE = -1
 """In place of the number of an image: the camera has none in this frame."""
@@ -22,8 +23,8 @@ _REACH = 0.6
 _SAME_TIME_S = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class MatchedFrames:
+@dataclass(frozen=True, eq=False, repr=False)
+class MatchedFrames(Shown):
     """The frames of several cameras together."""
 
     time_s: np.ndarray
@@ -104,8 +105,8 @@ SeenInImage = tuple[int, int, np.ndarray, np.ndarray]
 """Frame, camera, and for every joint of a person the number of the detection and that of its joint."""
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
+@dataclass(frozen=True, eq=False, repr=False)
+class Seen(Shown):
     """Which joint of which detection is which joint of a person, from the first to the last frame that shows them."""
 
     first_frame: int

@@ -28,8 +28,8 @@ NOTHING = {"points2d_px": np.nan, "confidence": 0.0, "points3d_m": np.nan, "cova
 """The arrays of detections by name, and what they have for a joint that is not detected."""
 
 
-@dataclass(frozen=True, eq=False)
-class Detections:
+@dataclass(frozen=True, eq=False, repr=False)
+class Detections(Shown):
     """Everybody whom one camera detected in one image; nobody is an image of its own (P = 0), not a missing one.
 
     A joint that was not detected is NaN with confidence 0, always both.

@@ -283,8 +283,8 @@ class Skeleton(Shown):
         return np.linalg.norm(positions_m[..., end, :] - positions_m[..., start, :], axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class BoneLengths:
+@dataclass(frozen=True, eq=False, repr=False)
+class BoneLengths(Shown):
     """What is known of somebody's bones, one number for each of skeleton.length_names. The arrays are read-only.
 
     Raises:

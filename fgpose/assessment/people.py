@@ -17,6 +17,7 @@ from fgpose.assessment.matched_pose import correct_limbs, matched_positions_m, o
 from fgpose.assessment.metrics import joint_errors_m, mean_known
 from fgpose.assessment.stays import MIN_STAY_S, Stay, false_tracks_s, matched, stays
 from fgpose.association.track import TrackEvent
+from fgpose.shown import Shown
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
@@ -44,8 +45,8 @@ class PersonScore:
     pcp: float
 
 
-@dataclass(frozen=True)
-class PeopleEvaluation:
+@dataclass(frozen=True, repr=False)
+class PeopleEvaluation(Shown):
     """How well people were found, told apart and posed; evaluate_people states the protocol.
 
     Shares are in [0, 1]. NaN: cannot be computed, as a recall of nobody. Quote mpjpe_mm with recall and precision:

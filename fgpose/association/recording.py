@@ -23,6 +23,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
 from fgpose.people_observations import Detections, PeopleObservations
+from fgpose.shown import Shown
 from fgpose.skeleton import Skeleton
 
 Progress = Callable[[int, int], None]
@@ -36,8 +37,8 @@ _SETTLED = (Settled.EXCHANGED.value, Settled.KEPT.value)
 _DOUBTS = (Settled.PERHAPS.value, Settled.KEPT.value)
 
 
-@dataclass(frozen=True, eq=False)
-class Association:
+@dataclass(frozen=True, eq=False, repr=False)
+class Association(Shown):
     """Who is who in a recording."""
 
     observations: PeopleObservations

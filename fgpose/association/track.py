@@ -13,6 +13,7 @@ from fgpose.association.identity.likeness import Likeness, Passage
 from fgpose.association.identity.sides import Sides
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.correspondences import NOBODY
+from fgpose.shown import Shown
 from fgpose.trajectory import Estimate
 
 SAME_MOMENT_S = 0.05
@@ -227,8 +228,8 @@ def tell_apart(tracks: Sequence[Track], is_seen: Bool[np.ndarray, "camera track"
             }
 
 
-@dataclass(frozen=True, eq=False)
-class Tracked:
+@dataclass(frozen=True, eq=False, repr=False)
+class Tracked(Shown):
     """Somebody who is in the room, as the tracker gives them."""
 
     person: int

@@ -14,13 +14,14 @@ from fgpose.calibration.moved_views import Recording, moved_with_cameras
 from fgpose.calibration.rig_refinement import has_moved, moves, refine_rig
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
+from fgpose.shown import Shown
 
 # A move by chance is so nearly along the viewing axis once in thirty times; the turn is a bump's smallest.
 _ALONG, _HARDLY_TURNED_DEG = np.cos(np.deg2rad(15.0)), 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class BumpedRig(Generic[Recording]):
+@dataclass(frozen=True, eq=False, repr=False)
+class BumpedRig(Shown, Generic[Recording]):
     """A rig of which the cameras that had been moved have new poses, and the others the ones they had."""
 
     rig: CameraRig

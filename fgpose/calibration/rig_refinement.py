@@ -33,13 +33,14 @@ from fgpose.estimation.evidence.delays import by_mean_clock, delays_s, on_time_p
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
+from fgpose.shown import Shown
 
 # By chance a camera is that far off in one of 400 recordings.
 SIGNIFICANT_SIGMAS = 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class RigRefinement(Generic[Recording]):
+@dataclass(frozen=True, eq=False, repr=False)
+class RigRefinement(Shown, Generic[Recording]):
     """A rig whose cameras agree better, and how far each was moved."""
 
     rig: CameraRig

@@ -20,10 +20,11 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import is_changing
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
+from fgpose.shown import Shown
 
 
-@dataclass(frozen=True, eq=False)
-class SelfCalibration(Generic[Recording]):
+@dataclass(frozen=True, eq=False, repr=False)
+class SelfCalibration(Shown, Generic[Recording]):
     """A rig whose cameras agree better in place and time."""
 
     rig: CameraRig
@@ -43,8 +44,8 @@ class SelfCalibration(Generic[Recording]):
         return self.ending.converged
 
 
-@dataclass(frozen=True, eq=False)
-class CameraCalibration(Generic[Recording]):
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraCalibration(Shown, Generic[Recording]):
     """A recording whose cameras have been calibrated on it."""
 
     rig: CameraRig

@@ -19,6 +19,7 @@ from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
 from fgpose.people_observations import PeopleObservations
+from fgpose.shown import Shown
 
 _WALK, _CUT = "walk about where all cameras see you", "or cut the recordings to begin at the same moment"
 
@@ -26,8 +27,8 @@ _WALK, _CUT = "walk about where all cameras see you", "or cut the recordings to 
 _OTHERS = "or is the calibration of other cameras (exchanged?)"
 
 
-@dataclass(frozen=True, eq=False)
-class Synchronised:
+@dataclass(frozen=True, eq=False, repr=False)
+class Synchronised(Shown):
     """A rig whose clocks are known."""
 
     rig: CameraRig

@@ -15,10 +15,11 @@ from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
+from fgpose.shown import Shown
 
 
-@dataclass(frozen=True, eq=False)
-class TimeOffsets:
+@dataclass(frozen=True, eq=False, repr=False)
+class TimeOffsets(Shown):
     """How much later than its time stamps say each camera takes its images, by the clock of the first camera."""
 
     offsets_s: Float[np.ndarray, " camera"]

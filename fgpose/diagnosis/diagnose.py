@@ -58,6 +58,7 @@ from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
 from fgpose.kinematics.vertical import find_up
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
+from fgpose.shown import Shown
 from fgpose.shown.wrong_types import check_type
 from fgpose.trajectory import Trajectory
 
@@ -124,8 +125,8 @@ RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
 _ESTIMATES = {"poses": "--refine-calibration", "clocks": "--estimate-time-offsets"}
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
     """What was found, and what could not be judged."""
 
     findings: tuple[Finding, ...]

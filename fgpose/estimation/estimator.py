@@ -26,11 +26,12 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing, warn_far_apart
 from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import Observations
+from fgpose.shown import Shown
 from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.trajectory import Estimate
 
 
-class Estimator(Exclusive):
+class Estimator(Shown, Exclusive):
     """The pose of one person, live: each update takes the newest frame and returns the pose at its time, which is the
     mean time at which the cameras took it: time stamps, and the mean time offset of the rig.
 

@@ -140,7 +140,7 @@ def _digest(recording: Recording) -> str:
             digest.update(np.ascontiguousarray(array).tobytes())
     for camera in recording.rig.cameras:
         digest.update(repr([_plain(getattr(camera, field.name)) for field in fields(camera)]).encode())
-    digest.update(repr((astuple(recording.skeleton), recording.config)).encode())
+    digest.update(repr((astuple(recording.skeleton), astuple(recording.config))).encode())
     if recording.known is not None:
         digest.update(repr((recording.known.lengths_m.tolist(), recording.known.sigma_m.tolist())).encode())
     return digest.hexdigest()[:16]

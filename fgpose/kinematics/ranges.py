@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.sampling import usual_step_s
+from fgpose.shown import Shown
 
 NOISE_S = 0.1
 """Correlation time of the noise in smoothed angles (Matern 3/2): after it, 74 % are left, after three times as long
@@ -28,8 +29,8 @@ _SAMPLES = 32  # leave a sixth of the standard deviation of an extreme, beside w
 _SETTLED = 8.0  # correlation times after which a process has forgotten that it began at nothing
 
 
-@dataclass(frozen=True, eq=False)
-class AngleRanges:
+@dataclass(frozen=True, eq=False, repr=False)
+class AngleRanges(Shown):
     """Quantiles of angles over time, as they would be without noise from frame to frame."""
 
     quantiles_deg: Float[np.ndarray, "share angle"]

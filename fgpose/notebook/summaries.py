@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
 from functools import singledispatch
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.evaluation import Evaluation
+from fgpose.config import Config
+from fgpose.diagnosis.diagnose import Diagnosis
+from fgpose.estimation.estimator import Estimator
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.kinematics.quantities import Quantities
+from fgpose.notebook.by_fields import by_fields
 from fgpose.notebook.picture import strip
 from fgpose.notebook.summary import Summary, counted, listed, percent
 from fgpose.observations import Observations
-from fgpose.people_observations import PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.sampling import frames_per_second
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.batch import SmoothedPeople
+from fgpose.tracking.online import Tracker
 from fgpose.trajectory import Estimate, Status, Trajectory
 
+_PARAMETER = ("parameter", "value", "default")
 _DIGITS = {"angle": 1, "speed": 2}  # by the kind of quantity
 
 
 @singledispatch
 def summary(shown: object) -> Summary:
-    """Of a thing that shows itself."""
-    raise TypeError(f"{type(shown).__name__} does not show itself")
+    """Of a thing that shows itself: what is said of its kind here, else by its fields."""
+    if not is_dataclass(shown):
+        raise TypeError(f"{type(shown).__name__} does not show itself")
+    return by_fields(shown, summary)
 
 
 @summary.register
@@ -204,6 +213,72 @@ def _(people: SmoothedPeople) -> Summary:
     return Summary(title, _known(facts), ("person", "from [s]", "to [s]", "frames", "observed"), rows)
 
 
+@summary.register
+def _(detections: Detections) -> Summary:
+    n_people, n_joints = detections.confidence.shape
+    who = f"{n_people} {'person' if n_people == 1 else 'people'}, {counted(n_joints, 'joint')}"
+    seen = detections.confidence > 0
+    facts = {
+        "": f"{percent(float(seen.mean()))} of the joints detected" if seen.size else "nobody is detected",
+        "confidence": _median(detections.confidence[seen], ""),
+        "per-view 3D": "" if detections.points3d_m is None else "yes",
+        "appearance": "" if detections.appearance is None else f"{detections.appearance.shape[1]} numbers of each",
+    }
+    return Summary(f"Detections: {detections.camera} at {detections.time_s:.3f} s, {who}", _known(facts))
+
+
+@summary.register
+def _(diagnosis: Diagnosis) -> Summary:
+    found = [f"{each.subject} {each.code}".strip() for each in diagnosis.findings]
+    worst = f", the worst is {diagnosis.worst}" if diagnosis.worst else ""
+    facts = {
+        "": listed(found) or "nothing seems wrong",
+        "judged": counted(len(diagnosis.judged), "cause"),
+        "not judged": listed(list(diagnosis.not_judged)),
+    }
+    rows = [(each.severity, each.subject, each.code, each.reason, each.remedy) for each in diagnosis.findings]
+    columns = ("", "of", "finding", "why", "remedy")
+    return Summary(f"Diagnosis: {counted(len(found), 'finding')}{worst}", _known(facts), columns, rows)
+
+
+@summary.register
+def _(config: Config) -> Summary:
+    default, rows = Config(), []
+    for name, section in vars(config).items():
+        usual = vars(getattr(default, name))
+        rows += [
+            (f"{name}.{key}", str(own), str(usual[key])) for key, own in vars(section).items() if own != usual[key]
+        ]
+    differ = f"{counted(len(rows), 'parameter')} not as by default" if rows else "all parameters as by default"
+    facts = {name: f"{own} ({usual} by default)" for name, own, usual in rows}
+    return Summary(f"Config: {differ}", facts or {"": f"sections {', '.join(vars(config))}"}, _PARAMETER, rows)
+
+
+@summary.register
+def _(estimator: Estimator) -> Summary:
+    newest = estimator.newest
+    facts = {
+        "newest": "no frame yet" if newest is None else f"frame {newest.frame} at {newest.time_s:.3f} s",
+        **_online(estimator.config),
+        "implausible": counted(estimator.n_implausible, "frame") if estimator.n_implausible else "",
+    }
+    return Summary(f"Estimator: {counted(estimator.rig.n_cameras, 'camera')}, {_skeleton(estimator)}", _known(facts))
+
+
+@summary.register
+def _(tracker: Tracker) -> Summary:
+    facts = {
+        **_online(tracker.config),
+        "restarted processes": f"{tracker.n_restarts:,}" if tracker.n_restarts else "",
+        "cameras left out": listed(sorted(tracker.left_out)),
+    }
+    return Summary(f"Tracker: {counted(tracker.rig.n_cameras, 'camera')}, {_skeleton(tracker)}", _known(facts))
+
+
+def _online(config: Config) -> dict[str, str]:
+    return {"solver": config.online.solver, "lag": f"{config.online.lag_s:g} s"}
+
+
 def _known(facts: dict[str, str]) -> dict[str, str]:
     return {name: fact for name, fact in facts.items() if fact}
 
@@ -221,7 +296,7 @@ def _begin_and_end(time_s: Float[np.ndarray, " frame"]) -> tuple[str, str]:
     return (f"{time_s[0]:.2f}", f"{time_s[-1]:.2f}") if len(time_s) else ("-", "-")
 
 
-def _skeleton(thing: Trajectory | Estimate | Observations | PeopleObservations) -> str:
+def _skeleton(thing: Trajectory | Estimate | Observations | PeopleObservations | Estimator | Tracker) -> str:
     return f"{counted(thing.skeleton.n_joints, 'joint')} ({thing.skeleton.name})"
 
 

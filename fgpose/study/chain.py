@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -133,14 +133,14 @@ STEPS = (
     ChainStep(
         "calibrate",
         recalibrate,
-        lambda s: (s.steps.calibrate, s.steps.people, s.from_people, _reading(s), s.parameters),
+        lambda s: (s.steps.calibrate, s.steps.people, s.from_people, _reading(s), astuple(s.parameters)),
         _calibrates,
         after=("detect", "synchronise"),
     ),
     ChainStep(
         "estimate",
         estimate,
-        lambda s: (s.steps.people, _reading(s), s.parameters),
+        lambda s: (s.steps.people, _reading(s), astuple(s.parameters)),
         after=("detect", "synchronise", "calibrate"),
     ),
     ChainStep(

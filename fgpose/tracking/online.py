@@ -23,6 +23,7 @@ from fgpose.io.skeletons import as_skeleton
 from fgpose.observations import refuse_millimetres
 from fgpose.people_observations import NOTHING, Detections, refuse_mixed_appearance
 from fgpose.sampling import Pace
+from fgpose.shown import Shown
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import NewDetections
@@ -35,7 +36,7 @@ _APPLY_OFFSETS_S = 0.5
 _MOST_EVENTS = 1000  # of hours, for those who never ask
 
 
-class Tracker(Exclusive):
+class Tracker(Shown, Exclusive):
     """Everybody in the room, live: each update takes the newest images and returns the people at their time.
 
     An Estimator of each person who is confirmed gets the detections that are theirs. Time and memory grow with the

@@ -24,6 +24,7 @@ from fgpose.calibration.board.verdict.verdict import VerdictInputs, findings
 from fgpose.calibration.board.world import WorldOrigin, world_T_first
 from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade, worst_grade
 from fgpose.geometry.camera import CameraRig
+from fgpose.shown import Shown
 
 Progress = Callable[[int, int], None]
 """Called with the number of steps done and the number of steps in all."""
@@ -31,8 +32,8 @@ Progress = Callable[[int, int], None]
 _BOARD = WorldOrigin()
 
 
-@dataclass(frozen=True, eq=False)
-class CalibratedFromBoards:
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibratedFromBoards(Shown):
     """A rig that was found from a board."""
 
     rig: CameraRig

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.board.board import Board
+from fgpose.shown import Shown
 
 MIN_POINTS = 6
 """Of a board in a view: fewer say little of its pose."""
@@ -25,8 +26,8 @@ class LeftOut:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
-class BoardSightings:
+@dataclass(frozen=True, eq=False, repr=False)
+class BoardSightings(Shown):
     """Corners of one board, seen by several cameras at the same moments."""
 
     board: Board

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
+from fgpose.shown import Shown
 
 
 class Grade(Enum):
@@ -58,8 +59,8 @@ def worst_grade(findings: Sequence[CalibrationFinding]) -> Grade:
     return max((finding.grade for finding in findings), key=lambda grade: grade.gravity, default=Grade.GOOD)
 
 
-@dataclass(frozen=True, eq=False)
-class CameraSigmas:
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraSigmas(Shown):
     """Standard deviations of the cameras, about the centroid of the rig, inflated by the disagreement of two halves of
     the recording."""
 
@@ -77,8 +78,8 @@ class CameraSigmas:
     floor_m: float
 
 
-@dataclass(frozen=True, eq=False)
-class CalibratedFromPeople:
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibratedFromPeople(Shown):
     """A rig that was found from the people in it."""
 
     rig: CameraRig

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.sampling import usual_step_s
+from fgpose.shown import Shown
 from fgpose.skeleton import Skeleton
 
 SHORT_S = 5.0
@@ -29,8 +30,8 @@ class Track:
     """Joints as this view alone gives them, in the frame of the camera, metres; None: 2D only."""
 
 
-@dataclass(frozen=True, eq=False)
-class Walk:
+@dataclass(frozen=True, eq=False, repr=False)
+class Walk(Shown):
     """The walker in frames of a common clock.
 
     Detections are interpolated between two images of their camera to the time of the frame.

@@ -14,6 +14,7 @@ from fgpose.estimation.noise import surely_positive
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
+from fgpose.shown import Shown
 from fgpose_factors import robust_weight
 
 # Keeps 1/e of eq. 2 finite where all views agree exactly; no detector is right to 0.01 px (un-squared: 0.0001 px).
@@ -22,8 +23,8 @@ _MIN_ERROR = 1e-4
 _MEAN_ITERATIONS = 10
 
 
-@dataclass(frozen=True, eq=False)
-class Fusion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fusion(Shown):
     """The fused pose of every frame and how far each view can be trusted with each joint."""
 
     positions_m: Float[np.ndarray, "frame joint 3"]

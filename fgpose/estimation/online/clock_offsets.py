@@ -19,6 +19,7 @@ from fgpose.estimation.solvers.elimination import eliminate_joints
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import TOGETHER_S
 from fgpose.geometry.reprojection import linearized_projection
+from fgpose.shown import Shown
 from fgpose_factors import robust_weight
 
 # Errors of a network last for some tenths of a second, motion changes its direction within one: seconds that follow
@@ -30,8 +31,8 @@ _HARDLY_ANY = 1e-9  # information, 1/s^2; it is divided by
 _NO_INFORMATION = 1e-6  # in that of the best known offset; that of all cameras together is never seen
 
 
-@dataclass(frozen=True, eq=False)
-class OffsetEvidence:
+@dataclass(frozen=True, eq=False, repr=False)
+class OffsetEvidence(Shown):
     """What motion tells of the time offsets; that of several people adds up."""
 
     information: Float[np.ndarray, "camera camera"]

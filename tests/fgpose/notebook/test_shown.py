@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 import fgpose
+from fgpose import calibration
 from fgpose.notebook.picture import strip
 from fgpose.shown import Shown
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
+from fgpose_benchmarks.synthetic.boards import simulate_boards
 
 
 @cache
@@ -46,6 +48,34 @@ def things() -> dict[str, Any]:
         "Evaluation": fgpose.evaluate(trajectory, fgpose.refine(observations, rig)),
         "SmoothedPeople": fgpose.smooth_people(people, rig),
         "Estimate": fgpose.Estimator(rig, observations.skeleton).update(observations.frames(slice(0, 1))),
+        **results(),
+    }
+
+
+def results() -> dict[str, Any]:
+    """What has no summary of its own kind, and what works on a recording."""
+    (rig, observations), trajectory = recording(), smoothed()
+    people = fgpose.people.PeopleObservations.of_one(observations)
+    sightings = simulate_boards(2, 1, n_common=6, n_near=3).sightings
+    calibrated = calibration.self_calibrate(observations, rig)
+    estimator = fgpose.Estimator(rig, observations.skeleton)
+    estimator.update(observations.frames(slice(0, 1)))
+    return {
+        "Fusion": fgpose.fuse(observations, rig),
+        "BoneLengths": trajectory.bones,
+        "RigRefinement": calibrated.refinement,
+        "TimeOffsets": calibrated.time_offsets,
+        "SelfCalibration": calibrated,
+        "BumpedRig": calibration.refine_bumped(observations, rig),
+        "BoardSightings": sightings,
+        "CalibratedFromBoards": calibration.calibrate_from_boards(sightings),
+        "Association": fgpose.smooth_people(people, rig).association,
+        "PeopleEvaluation": fgpose.people.evaluate_people({1: trajectory}, {0: trajectory}),
+        "Detections": people.images[0],
+        "Diagnosis": fgpose.diagnosis.diagnose(observations, rig, trajectory),
+        "Config": fgpose.Config(motion={"model": "random_walk"}),
+        "Estimator": estimator,
+        "Tracker": fgpose.Tracker(rig, observations.skeleton, fgpose.Config(tracking={"max_processes": 1})),
     }
 
 
@@ -68,6 +98,21 @@ KINDS = pytest.mark.parametrize(
         "Evaluation",
         "SmoothedPeople",
         "Estimate",
+        "Fusion",
+        "BoneLengths",
+        "RigRefinement",
+        "TimeOffsets",
+        "SelfCalibration",
+        "BumpedRig",
+        "BoardSightings",
+        "CalibratedFromBoards",
+        "Association",
+        "PeopleEvaluation",
+        "Detections",
+        "Diagnosis",
+        "Config",
+        "Estimator",
+        "Tracker",
     ],
 )
 
@@ -90,6 +135,39 @@ def test_its_html_is_well_formed_and_says_the_same(kind: str) -> None:
     texts = " ".join(page.itertext())
     assert repr(thing).splitlines()[0] in texts
     assert page.find(".//table") is not None
+
+
+def test_no_public_name_shows_its_arrays() -> None:
+    modules = (fgpose, calibration, fgpose.diagnosis, fgpose.kinematics, fgpose.people, fgpose.files)
+    kinds = {getattr(module, name) for module in modules for name in module.__all__}
+    with_arrays = [
+        kind for kind in kinds if is_dataclass(kind) and any("np.ndarray" in str(field.type) for field in fields(kind))
+    ]
+    assert len(with_arrays) > 20
+    assert [kind for kind in with_arrays if not issubclass(cast(type, kind), Shown)] == []
+
+
+def test_a_config_says_what_is_not_as_by_default() -> None:
+    assert repr(fgpose.Config()).startswith("Config: all parameters as by default\n")
+    changed = fgpose.Config(motion={"model": "random_walk"}, online={"lag_s": 0.5 + fgpose.Config().online.lag_s})
+    assert repr(changed) == (
+        "Config: 2 parameters not as by default\n"
+        "  motion.model random_walk (constant_velocity by default); online.lag_s 1.0 (0.5 by default)"
+    )
+
+
+def test_a_result_shows_verdict_ranges_and_a_table_by_camera() -> None:
+    """The numbers are those of the fields, with the digits that the largest has."""
+    bumped = things()["BumpedRig"]
+    angles = bumped.rotation_deg
+    assert repr(bumped).startswith(f"BumpedRig: {bumped.grade.value}, 4 cameras\n")
+    assert f"rotation {angles.min():.3f} to {angles.max():.3f} deg" in repr(bumped).replace("\n ", "")
+    table = parsed(bumped._repr_html_()).findall(".//table")[-1]
+    head = [cell.text for cell in table.findall("./thead/tr/th")]
+    first = [cell.text for cell in table.findall("./tbody/tr")[0]]
+    assert first[0] == "cam_01"
+    assert first[head.index("rotation [deg]")] == f"{angles[0]:.3g}"
+    assert first[head.index("moved")] == ("yes" if bumped.moved[0] else "no")
 
 
 def test_the_facts_are_those_of_the_thing() -> None:

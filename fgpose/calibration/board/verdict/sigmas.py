@@ -12,12 +12,13 @@ from fgpose.calibration.board.lens import N_OF_LENS, image_of, numbers_of
 from fgpose.calibration.board.problem import CLOCK, LENS, N_OF_CAMERA, POSE, cross_matrix
 from fgpose.calibration.from_people.verdict.alignment import onto_centroid
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.shown import Shown
 
 _GRID = 9  # points along each side of the image
 
 
-@dataclass(frozen=True, eq=False)
-class BoardSigmas:
+@dataclass(frozen=True, eq=False, repr=False)
+class BoardSigmas(Shown):
     """Standard deviations of the cameras, about the centroid of the rig, from the errors of the corners and how far
     moments disagree. What is wrong with the board at all moments alike, its scale first, is not in them."""
 

@@ -184,9 +184,8 @@ def test_the_charuco_of_the_pdf_is_opencvs(inverted: bool) -> None:
             continue
         left, top, across, along = np.rint(np.array([x, y, width, height], dtype=float) * _POINT_MM).astype(int)
         drawn[margin - top - along : margin - top, margin + left : margin + left + across] = grey
-    expected = np.asarray(opencv_charuco(board).generateImage((210, 180)))
-    expected = np.pad(expected, margin, constant_values=255)
-    assert (drawn == (~expected if inverted else expected)).mean() > 0.999
+    expected = np.pad(np.asarray(opencv_charuco(board).generateImage((210, 180))), margin, constant_values=255)
+    assert (drawn == (255 - expected if inverted else expected)).mean() > 0.999
 
 
 def test_a_large_board_gets_a_sheet_of_its_own() -> None:
