@@ -16,7 +16,8 @@ def html(summary: Summary) -> str:
     facts = "".join(
         f"<tr>{_cells('th', [name], _LEFT)}{_cells('td', [fact], _LEFT)}</tr>" for name, fact in summary.facts.items()
     )
-    picture = f'<div style="margin-left:1.5em">{summary.picture}</div>' if summary.picture else ""
+    drawn = summary.picture() if summary.picture else ""
+    picture = f'<div style="margin-left:1.5em">{drawn}</div>' if drawn else ""
     return (
         f'<div class="fgpose"><strong>{escape(summary.title)}</strong>'
         f'<div style="display:flex;flex-wrap:wrap;align-items:flex-start"><table>{facts}</table>{picture}</div>'

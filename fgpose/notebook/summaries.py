@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import is_dataclass
-from functools import singledispatch
+from functools import partial, singledispatch
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,8 @@ from fgpose.estimation.estimator import Estimator
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.kinematics.quantities import Quantities
 from fgpose.notebook.by_fields import by_fields
-from fgpose.notebook.picture import strip
+from fgpose.notebook.picture import strip, views, views_of_people
+from fgpose.notebook.rig_picture import from_above
 from fgpose.notebook.summary import Summary, counted, listed, percent
 from fgpose.observations import Observations
 from fgpose.people_observations import Detections, PeopleObservations
@@ -50,7 +51,7 @@ def _(trajectory: Trajectory) -> Summary:
     if trajectory.implausible_frames:
         facts["left out"] = counted(len(trajectory.implausible_frames), "implausible frame")
     title = f"Trajectory: {_span(trajectory.time_s)}, {_skeleton(trajectory)}"
-    return Summary(title, _known(facts), picture=strip(trajectory))
+    return Summary(title, _known(facts), picture=partial(strip, trajectory))
 
 
 @summary.register
@@ -81,9 +82,8 @@ def _(observations: Observations) -> Summary:
         cells = frames, percent(float(seen[:, camera].mean())), _median(confidence, "")
         rows.append((name, *cells))
     title = f"Observations: {_span(observations.frame_time_s)}, {counted(observations.n_cameras, 'camera')}"
-    return Summary(
-        f"{title}, {_skeleton(observations)}", _known(facts), ("camera", "frames", "joints", "confidence"), rows
-    )
+    columns = ("camera", "frames", "joints", "confidence")
+    return Summary(f"{title}, {_skeleton(observations)}", _known(facts), columns, rows, partial(views, observations))
 
 
 @summary.register
@@ -101,7 +101,8 @@ def _(observations: PeopleObservations) -> Summary:
     }
     title = f"PeopleObservations: {_span(observations.frame_time_s)}, {counted(len(n_people), 'image')}"
     columns = ("camera", "images", "most people", "mean")
-    return Summary(f"{title}, {_skeleton(observations)}", _known(facts), columns, rows)
+    picture = partial(views_of_people, observations)
+    return Summary(f"{title}, {_skeleton(observations)}", _known(facts), columns, rows, picture)
 
 
 @summary.register
@@ -120,7 +121,8 @@ def _(rig: CameraRig) -> Summary:
         "time offsets": f"{late_ms.min():.1f} to {late_ms.max():.1f} ms" if late_ms.any() else "",
     }
     columns = ("camera", "size [px]", "focal length [px]", "position [m]", "lens", "time offset [ms]")
-    return Summary(f"CameraRig: {counted(rig.n_cameras, 'camera')}", _known(facts), columns, rows)
+    title = f"CameraRig: {counted(rig.n_cameras, 'camera')}"
+    return Summary(title, _known(facts), columns, rows, partial(from_above, rig))
 
 
 @summary.register

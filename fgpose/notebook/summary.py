@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 _LINE = 110
@@ -21,8 +21,8 @@ class Summary:
     columns: tuple[str, ...] = ()
     """Of a table, with more than fits into lines."""
     rows: Sequence[tuple[str, ...]] = field(default=())
-    picture: str = ""
-    """SVG."""
+    picture: Callable[[], str] | None = None
+    """SVG, drawn where it is shown: texts have none."""
 
     def text(self) -> str:
         """The title, and what is known in one line or two."""

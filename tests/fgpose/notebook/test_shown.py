@@ -13,7 +13,8 @@ import pytest
 
 import fgpose
 from fgpose import calibration
-from fgpose.notebook.picture import strip
+from fgpose.notebook.picture import strip, views, views_of_people
+from fgpose.notebook.rig_picture import from_above
 from fgpose.shown import Shown
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
@@ -238,6 +239,50 @@ def test_the_picture_shows_poses_upright_with_left_and_right() -> None:
     assert (x_px.min(axis=1)[1:] > x_px.max(axis=1)[:-1]).all()
     colours = [circle.attrib["fill"] for circle in circles[:8]]
     assert colours[2] == colours[4] == colours[6] != colours[3] == colours[5] == colours[7]
+
+
+def test_observations_show_the_keypoints_of_each_image() -> None:
+    """In the frame in which most are seen, each image to its own scale: ratios are those of the pixels."""
+    _, observations = recording()
+    frame = int(observations.seen.sum(axis=(1, 2)).argmax())
+    drawing = parsed(views(observations))
+    assert [text.text for text in drawing.findall("{*}text")] == list(observations.camera_names)
+    circles = [[float(each.attrib[axis]) for axis in ("cx", "cy")] for each in drawing.findall("{*}circle")]
+    counts = observations.seen[frame].sum(axis=1)
+    for camera, drawn_px in enumerate(np.split(np.array(circles), np.cumsum(counts)[:-1])):
+        points_px = observations.points2d_px[frame, camera][observations.seen[frame, camera]]
+        scale = np.ptp(drawn_px[:, 1]) / np.ptp(points_px[:, 1])
+        expected_px = (points_px - points_px[0]) * scale
+        np.testing.assert_allclose(drawn_px - drawn_px[0], expected_px, atol=0.2)  # both rounded to 0.1 px
+    people = fgpose.people.PeopleObservations.of_one(observations)
+    assert views_of_people(people).count("<circle") == len(circles)
+    nothing = replace(observations, points2d_px=np.full_like(observations.points2d_px, np.nan),
+                      confidence=np.zeros_like(observations.confidence))  # fmt: skip
+    assert views(nothing) == ""
+    parsed(nothing._repr_html_())
+
+
+def test_a_rig_shows_its_cameras_from_above() -> None:
+    """Dots lie as places do, at the scale of the line; fields of view open towards what all look at."""
+    rig, _ = recording()
+    drawing = parsed(from_above(rig))
+    dots_px = np.array([[float(each.attrib[axis]) for axis in ("cx", "cy")] for each in drawing.findall("{*}circle")])
+    *views_of, line = [each.attrib["d"] for each in drawing.findall("{*}path")]
+    *names, length = [text.text for text in drawing.findall("{*}text")]
+    assert names == list(rig.names)
+    px_per_m = float(line.partition("h")[2]) / float(str(length).removesuffix(" m"))
+    places_m = rig.positions_m[:, :2] * (1, -1)  # its world has z up
+    np.testing.assert_allclose(dots_px - dots_px[0], (places_m - places_m[0]) * px_per_m, atol=0.3)
+    for view, dot_px, camera in zip(views_of, dots_px, rig.cameras, strict=True):
+        corners_px = np.array(re.findall(r"[\d.]+", view), dtype=float).reshape(3, 2)
+        axis = camera.world_T_camera[:2, 2] * (1, -1)
+        middle = corners_px[1:].mean(axis=0) - dot_px
+        assert middle @ axis > 0.99 * np.linalg.norm(middle) * np.linalg.norm(axis)  # the lens is nearly symmetric
+        opening = corners_px[1:] - dot_px
+        cos = opening[0] @ opening[1] / np.prod(np.linalg.norm(opening, axis=1))
+        # At least that of the width; a camera that looks down sees more of the horizon through its corners.
+        assert np.arccos(cos) > 0.9 * 2 * np.arctan(camera.size_px[0] / 2 / camera.K[0, 0])
+    assert "<script" not in from_above(fgpose.CameraRig((replace(rig.cameras[0], name="<script>"),)))
 
 
 def test_a_picture_stays_small() -> None:
