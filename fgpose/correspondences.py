@@ -37,6 +37,15 @@ class MatchedFrames(Shown):
         """One time per frame: the mean over the cameras where they differ."""
         return self.time_s if self.time_s.ndim == 1 else mean_times_s(self.time_s)
 
+    def part(self, frames: slice) -> tuple[MatchedFrames, list[Int[np.ndarray, " _images"]]]:
+        """Some of the frames, and of each camera the images that are left, by which these frames count."""
+        image, used = self.image[frames].copy(), list[np.ndarray]()
+        for of_camera in image.T:
+            there = of_camera != NO_IMAGE
+            left, of_camera[there] = np.unique(of_camera[there], return_inverse=True)
+            used.append(left)
+        return MatchedFrames(self.time_s[frames], image), used
+
     def subset(self, cameras: Sequence[int]) -> MatchedFrames:
         """All frames, with the images of some of the cameras. A frame without any of them keeps its time."""
         if self.time_s.ndim == 1:

@@ -19,6 +19,7 @@ from fgpose.observations import (
     positive_definite,
     refuse_millimetres,
 )
+from fgpose.sampling import TimeRange, forward
 from fgpose.shown import Shown
 from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
@@ -287,13 +288,8 @@ class PeopleObservations(Shown):
             image = self.image(seen.first_frame + t, c)
             for name, values in image.of_person(seen.detection[t, c], seen.joint[t, c]).items():
                 arrays[name][t, c] = values
-        return Observations(
-            skeleton=self.skeleton,
-            time_s=self.frames.time_s[seen.frames],
-            camera_names=self.camera_names,
-            remarks=self.remarks,
-            **arrays,
-        )
+        time_s = self.frames.time_s[seen.frames]
+        return Observations(self.skeleton, time_s, camera_names=self.camera_names, remarks=self.remarks, **arrays)
 
     def confident(self, least: float) -> PeopleObservations:
         """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
@@ -314,11 +310,23 @@ class PeopleObservations(Shown):
 
     def first_frames(self, n_frames: int) -> PeopleObservations:
         """The images of the first frames. Raises ValueError if there is none."""
-        image = self.frames.image[:n_frames]
-        n_images = dict(zip(self.camera_names, image.max(axis=0, initial=NO_IMAGE) + 1, strict=True))
-        kept = [image for name, images in self.by_camera.items() for image in images[: n_images[name]]]
-        frames = MatchedFrames(self.frames.time_s[:n_frames], image)
-        return PeopleObservations(self.skeleton, self.camera_names, tuple(kept), frames, self.remarks)
+        return self[:n_frames]
+
+    def __getitem__(self, frames: slice) -> PeopleObservations:
+        """Some of the frames with their images, as people[100:200]. Raises ValueError if no image is left, or the step
+        is negative, TypeError for what is no slice."""
+        if not isinstance(frames, slice):
+            raise TypeError(f"frames are taken as a slice, as people[0:1]; got {frames!r:.40}")
+        matched, used = self.frames.part(forward(frames))
+        kept = [
+            of_camera[n] for of_camera, own in zip(self.by_camera.values(), used, strict=True) for n in own.tolist()
+        ]
+        return replace(self, images=tuple(kept), given_frames=matched)
+
+    def crop(self, begin_s: float, end_s: float) -> PeopleObservations:
+        """The frames from one time to another, seconds, both included. Raises ValueError if there is none."""
+        inside = np.flatnonzero(TimeRange(begin_s, end_s).of(self.frame_time_s))
+        return self[inside[0] : inside[-1] + 1]
 
     @cached_property
     def by_camera(self) -> dict[str, list[Detections]]:

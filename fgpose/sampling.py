@@ -106,6 +106,22 @@ def forward(frames: Any) -> Any:
     return frames
 
 
+def one_after_another(times_s: Sequence[Float[np.ndarray, " _frames"]]) -> Float[np.ndarray, " frame"]:
+    """The times of parts of a recording as those of the whole. Raises ValueError unless they increase."""
+    time_s = np.concatenate(times_s)
+    if (backward := np.flatnonzero(np.diff(time_s) <= 0)).size:
+        at = backward[0]
+        raise ValueError(f"time must increase: a frame at {time_s[at + 1]:.6g} s follows one at {time_s[at]:.6g} s")
+    return time_s
+
+
+def numbers_of_all(parts: Sequence[Int[np.ndarray, " _frames"] | None]) -> Int[np.ndarray, " frame"] | None:
+    """The numbers of their frames; None where a part has none, or they do not go on."""
+    known = [numbers for numbers in parts if numbers is not None]
+    numbers = np.concatenate(known) if len(known) == len(parts) else np.zeros(2, dtype=int)
+    return numbers if (np.diff(numbers) > 0).all() else None
+
+
 @dataclass(frozen=True)
 class TimeRange:
     """From one time to another, both included.

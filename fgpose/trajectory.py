@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
-from fgpose.sampling import TimeRange, forward
+from fgpose.sampling import TimeRange, forward, numbers_of_all, one_after_another
 from fgpose.shown import Motion, Shown, by_names
 from fgpose.skeleton import BoneLengths, Skeleton
 from fgpose.skeletons import named_skeleton
@@ -183,21 +183,18 @@ class Trajectory(Motion):
         """
         if not parts:
             raise ValueError("there is no trajectory to be concatenated")
-        first, time_s = parts[0], np.concatenate([part.time_s for part in parts])
+        first = parts[0]
         for name in ("skeleton", "camera_names"):
             for number, part in enumerate(parts):
                 if getattr(part, name) != getattr(first, name):
                     raise ValueError(f"trajectories 0 and {number} have another {name}: they cannot be concatenated")
-        if (backward := np.flatnonzero(np.diff(time_s) <= 0)).size:
-            at = backward[0]
-            raise ValueError(f"time must increase: a frame at {time_s[at + 1]:.6g} s follows one at {time_s[at]:.6g} s")
+        time_s = one_after_another([part.time_s for part in parts])
 
         def joined(name: str) -> Any:  # an array, or None
             arrays = [getattr(part, name) for part in parts]
             return None if any(array is None for array in arrays) else np.concatenate(arrays)
 
         begins = np.cumsum([0, *(part.n_frames for part in parts)]).tolist()
-        numbers = joined("frame_numbers")
         ends = [part.convergence for part in parts if part.convergence is not None]
         known_m = [part.bone_lengths_m for part in parts if part.bone_lengths_m is not None]
         alike = len(known_m) == len(parts) and all(np.array_equal(each, known_m[0], equal_nan=True) for each in known_m)
@@ -209,7 +206,7 @@ class Trajectory(Motion):
             bone_length_sigma_m=first.bone_length_sigma_m if alike else None,
             convergence=Convergence.worst(ends) if len(ends) == len(parts) else None,
             config=first.config if all(part.config == first.config for part in parts) else None,
-            frame_numbers=numbers if numbers is not None and (np.diff(numbers) > 0).all() else None,
+            frame_numbers=numbers_of_all([part.frame_numbers for part in parts]),
             implausible_frames=tuple(
                 begin + frame for begin, part in zip(begins, parts, strict=False) for frame in part.implausible_frames
             ),

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar, cast, overload
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.sampling import TimeRange, forward
+from fgpose.sampling import TimeRange, forward, numbers_of_all, one_after_another
 from fgpose.shown import OverTime, by_names
 from fgpose.shown.unknown_names import did_you_mean
 
@@ -96,6 +96,27 @@ class Quantities(OverTime):
     def crop(self: _Own, begin_s: float, end_s: float) -> _Own:
         """The frames from one time to another, seconds, both included. Raises ValueError if there is none."""
         return self.frames(TimeRange(begin_s, end_s).of(self.time_s))
+
+    @staticmethod
+    def concatenate(parts: Sequence[_Own]) -> _Own:
+        """Quantities one after the other as one; numbers of frames that do not go on are left out.
+
+        Raises:
+            ValueError: there is none, they are of other kinds or names, or one does not begin after the one before.
+        """
+        if not parts:
+            raise ValueError("there is nothing to be concatenated")
+        first = parts[0]
+        for number, part in enumerate(parts):
+            if type(part) is not type(first) or part.names != first.names:
+                raise ValueError(f"{first.kind}s 0 and {number} are not of the same: they cannot be concatenated")
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in first._arrays()
+            if name not in ("time_s", "frame_numbers")
+        }
+        joined["time_s"] = one_after_another([part.time_s for part in parts])
+        return replace(first, frame_numbers=numbers_of_all([part.numbered for part in parts]), **joined)
 
     def frames(self: _Own, frames: slice | Bool[np.ndarray, " frame"]) -> _Own:
         """Some of the frames, as quantities of their own. Raises ValueError for a negative step."""

@@ -204,6 +204,25 @@ def test_the_first_frames_have_their_images():
     assert people.n_most == 2
 
 
+def test_some_of_the_frames_have_their_images():
+    people = two_frames([[1, 0], [-1, 1], [1, 2]])
+    for part in (people[1:], people.crop(float(people.frame_time_s[1]), 10.0)):
+        assert [(image.camera, image.n_people) for image in part.images] == [("b", 1), ("a", 1), ("b", 2)]
+        np.testing.assert_array_equal(part.frames.image, [[NO_IMAGE, 0], [0, 1]])
+        np.testing.assert_array_equal(part.frame_time_s, people.frame_time_s[1:])
+        assert [[image.n_people for image in images] for images in part] == [[1], [1, 2]]
+    assert people[::2].n_frames == 2
+    for wrong, error, message in (
+        (slice(3, 3), ValueError, "at least one image"),
+        (slice(None, None, -1), ValueError, "taken forward in time"),
+        (0, TypeError, r"taken as a slice, as people\[0:1\]; got 0"),
+    ):
+        with pytest.raises(error, match=message):
+            people[wrong]  # type: ignore[index]
+    with pytest.raises(ValueError, match="no frame is from 20 s"):
+        people.crop(20.0, 30.0)
+
+
 def test_what_images_show_of_somebody_becomes_what_was_seen():
     joints = np.arange(3)
     seen = Seen.of_images([(4, 1, np.array([0, NOBODY, 0]), joints), (6, 0, np.full(3, 2), joints[::-1])], 2)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from fgpose.kinematics import JointSpeeds, joint_speeds
+from fgpose.kinematics import JointSpeeds, joint_angles, joint_speeds
 from fgpose.skeletons import named_skeleton
 from fgpose.trajectory import Trajectory
 
@@ -38,3 +40,24 @@ def test_some_frames_and_some_joints() -> None:
         speeds["left_wirst"]
     with pytest.raises(ValueError, match=r"speed_m_s must be \(2, 1\), got \(3, 1\)"):
         JointSpeeds(("a",), np.zeros(2), np.zeros((3, 1)))
+
+
+def test_parts_become_the_whole_again() -> None:
+    """Speeds, and angles, which have standard deviations as well."""
+    trajectory = moving(8)
+    for whole in (joint_speeds(trajectory), joint_angles(trajectory)):
+        again = type(whole).concatenate([whole[:1], whole[1:5], whole[5:]])
+        assert type(again) is type(whole)
+        np.testing.assert_array_equal(again.time_s, whole.time_s)
+        np.testing.assert_array_equal(again.value, whole.value)
+        assert (again.sigma is None) == (whole.sigma is None)
+        with pytest.raises(ValueError, match="time must increase"):
+            type(whole).concatenate([whole[5:], whole[:5]])
+    numbered = replace(joint_speeds(trajectory), frame_numbers=np.arange(10, 18))
+    np.testing.assert_array_equal(numbered.concatenate([numbered[:3], numbered[4:]]).frame_numbers,
+                                  [10, 11, 12, 14, 15, 16, 17])  # fmt: skip
+    assert numbered.concatenate([numbered[:3], replace(numbered[4:], frame_numbers=None)]).frame_numbers is None
+    with pytest.raises(ValueError, match="there is nothing"):
+        JointSpeeds.concatenate([])
+    with pytest.raises(ValueError, match="speeds 0 and 1 are not of the same"):
+        JointSpeeds.concatenate([numbered[:3], replace(numbered[4:], names=tuple(reversed(numbered.names)))])
