@@ -118,7 +118,7 @@ def load_board(text: str) -> Board:
     from fgpose.plain_files import naming
 
     path = Path(text)
-    if path.suffix.lower() not in (".toml", ".yml", ".yaml"):
+    if path.suffix.lower() not in (".toml", ".yml", ".yaml", ".xml"):
         return parse_board(text)
     with naming(path):
         return parse_board(board_text(path))
@@ -135,7 +135,7 @@ def parse_board(text: str) -> Board:
     n_lengths = 2 if kind == "charuco" else 1
     if kind not in ("charuco", "chessboard", "circles"):
         meant = "".join(f" (did you mean {near}?)" for near in nearest(kind, get_args(BoardKind)))
-        raise ValueError(f"a board is described as {FORMS}, or by a file (.toml, .yaml), got {text!r}{meant}")
+        raise ValueError(f"a board is described as {FORMS}, or by a file (.toml, .yaml, .xml), got {text!r}{meant}")
     if not n_lengths < len(parts) <= n_lengths + 1 + (kind == "charuco"):
         raise ValueError(f"{text!r} does not have the parts of a {kind} board; boards are described as {FORMS}")
     size = _SIZE.fullmatch(parts[0])

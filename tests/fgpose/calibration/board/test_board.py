@@ -15,6 +15,19 @@ from fgpose.calibration.board.drawing import board_pdf, largest_square_m, save_b
 from fgpose.io.calibration.board_files import board_text
 
 _POINT_MM = 25.4 / 72
+# As in the sample of OpenCV's tutorial.
+_SETTINGS = """<?xml version="1.0"?>
+<opencv_storage>
+<Settings>
+  <!-- Number of inner corners per a item row and column. (square, circle) -->
+  <BoardSize_Width> 9</BoardSize_Width>
+  <BoardSize_Height>6</BoardSize_Height>
+  <Square_Size>50</Square_Size>
+  <Marker_Size>25</Marker_Size>
+  <ArUco_Dict_Name>DICT_6X6_250</ArUco_Dict_Name>
+  <Calibrate_Pattern>{}</Calibrate_Pattern>
+</Settings>
+</opencv_storage>"""
 
 
 @pytest.mark.parametrize(
@@ -122,6 +135,19 @@ def test_boards_that_look_the_same_after_half_a_turn() -> None:
             "charuco:4x5:54mm:40.5mm:DICT_4X4_1000:inverted",
         ),
         ("camera.yml", "%YAML:1.0\n---\nboard_width: 9\nboard_height: 6\nsquare_size: 25.", "chessboard:9x6:25mm"),
+        (
+            "circles.yml",
+            '%YAML:1.0\n---\nboard_width: 4\nboard_height: 11\nsquare_size: 20.\npattern: "ASYMMETRIC_CIRCLES_GRID"',
+            "circles:4x11:20mm",
+        ),
+        ("settings.xml", _SETTINGS.format('"CHESSBOARD"'), "chessboard:9x6:50mm"),
+        ("charuco.xml", _SETTINGS.format("CHARUCOBOARD"), "charuco:9x6:50mm:25mm:DICT_6X6_250"),
+        (
+            "out.xml",
+            "<opencv_storage><board_width>9</board_width><board_height>6</board_height><square_size>25.</square_size>"
+            "</opencv_storage>",
+            "chessboard:9x6:25mm",
+        ),
     ],
 )
 def test_boards_of_other_programs(name: str, content: str, text: str, tmp_path: Path) -> None:
@@ -137,14 +163,19 @@ def test_boards_of_other_programs(name: str, content: str, text: str, tmp_path: 
         ("board = ", "board.toml"),
         ("[calibration]\nboard_type = 'charuco'", "its board is incomplete or damaged: 'board_size'"),
         ("[calibration]\nboard_type = 'dots'\nboard_size=[1,2]\nboard_square_side_length=1", "'dots' is not known"),
+        ("[calibration]\nboard_type = 'aruco'\nboard_size=[1,2]", "a board of type 'aruco' is not known: charuco and"),
         ('board = "chessboard:9x6:25"', "a length has a unit"),
+        ("<opencv_storage>", "it is damaged or not OpenCV's XML"),
+        ("<opencv_storage><a>1</a></opencv_storage>", "it has no board"),
+        (_SETTINGS.format("CIRCLES_GRID"), "a board of the pattern 'CIRCLES_GRID' is not known: CHESSBOARD"),
     ],
 )
 def test_files_without_a_board_are_named(content: str, message: str, tmp_path: Path) -> None:
-    (tmp_path / "board.toml").write_text(content)
+    path = tmp_path / ("board.xml" if content.startswith("<") else "board.toml")
+    path.write_text(content)
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
-        load_board(str(tmp_path / "board.toml"))
-    assert "board.toml" in str(caught.value)
+        load_board(str(path))
+    assert path.name in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["chessboard:9x6:25mm", "charuco:7x5:30mm:20mm:DICT_4X4_50", "circles:4x11:20mm"])
