@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -29,6 +29,21 @@ COVARIANCE_COLUMNS = {
     for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 }
 """Row and column of the entry by the name of its column."""
+
+
+class Column(NamedTuple):
+    """What columns of a table that fgpose writes are, or an array of an npz file: said beside what writes them.
+
+    The page of columns of the documentation is made of these, and a test compares them with files.
+    """
+
+    names: str
+    """With blanks between them; <joint> stands for the name of one."""
+    unit: str
+    meaning: str
+    """Markdown, as on that page."""
+    shape: str = ""
+    """Of an array."""
 
 
 def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:

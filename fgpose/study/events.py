@@ -11,13 +11,19 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.studies.events import Event, read_events
-from fgpose.io.tables import numbers, read_table
+from fgpose.io.tables import Column, numbers, read_table
 from fgpose.sampling import usual_step_s
 from fgpose.study.pattern import PLACEHOLDERS
 from fgpose.study.study import StudyDescription
 from fgpose.study.trial import Trial
 
 _Whose = tuple[tuple[str, str], ...]
+COLUMNS = (
+    Column("recording subject session trial", "", "which recording it is in"),
+    Column("event", "", "its name"),
+    Column("time_s", "s", "when it was, by the clock of the recording"),
+    Column("<column>", "", "what else the table has, as text"),
+)
 
 
 def own_events(study: StudyDescription, recording: Trial) -> tuple[tuple[float, str], ...]:

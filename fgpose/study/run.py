@@ -16,6 +16,7 @@ from fgpose.io.content import first_bytes
 from fgpose.io.studies.events import Event, read_events
 from fgpose.io.studies.results import LOCK, STUDY_NAME, WORLD_UP, check_unlinked, part_path, parts_of, write_rows
 from fgpose.io.studies.state import RecordingState, load_state
+from fgpose.io.tables import Column
 from fgpose.study.chain import fingerprints
 from fgpose.study.cluster import run, workers
 from fgpose.study.events import events_of, events_outside
@@ -31,6 +32,52 @@ OnBegin = Callable[[int], None]
 """Called with the number of recordings once the workers are there."""
 OnOutcome = Callable[[RecordingOutcome], None]
 """Called with each outcome as it comes."""
+COLUMNS = (
+    Column("recording subject session trial", "", "which it is"),
+    Column("status", "", "`done`, `failed`, `not done`, `outdated`"),
+    Column("reason", "", "why it is not done"),
+    Column("n_people n_cameras n_joints n_frames", "", "how many there are"),
+    Column("rate_hz", "Hz", "frames per second"),
+    Column("duration_s", "s", "from the first frame of anybody to the last"),
+    Column(
+        "seen_share predicted_share unobservable_share",
+        "0 to 1",
+        "of joints and frames: two cameras or more see it, it is predicted, nothing determines it",
+    ),
+    Column("views", "", "cameras that see a joint, on average"),
+    Column(
+        "longest_gap_s",
+        "s",
+        "longest time for which fewer than two cameras saw one of the joints, from the first frame in which its "
+        "person is there to the last; all of it for a joint that is never seen, and whoever goes and comes back "
+        "is not seen meanwhile",
+    ),
+    Column(
+        "reprojection_px reprojection_q90_px",
+        "px",
+        "reprojection error of all detections, undistorted: median, 90 %",
+    ),
+    Column("worst_camera_px", "px", "median of the camera with the largest"),
+    Column("hallucinated_share", "0 to 1", "of the detections: more probably hallucinated than not"),
+    Column("sigma_mm sigma_q95_mm", "mm", "root of the largest eigenvalue of the covariances: median, 95 %"),
+    Column(
+        "bone_spread_share",
+        "",
+        "standard deviation of bone lengths over time, relative to the length; median over the bones",
+    ),
+    Column("bone_asymmetry_share", "", "largest difference of a left limb to its right one, relative to their mean"),
+    Column(
+        "max_speed_mps",
+        "m/s",
+        "largest speed of the root of a body from one frame to the next, where frames are missing too; `centre` "
+        "in the tables of angles is over two steps, so its largest is mostly less",
+    ),
+    Column("converged", "", "whether the optimiser ended by itself"),
+    Column("n_suspicions suspicions", "", "what is suspicious: how much, and what, separated by semicolons"),
+    Column("n_warnings warnings", "", "what was warned of"),
+    Column("same_as", "", "a recording before it with the same content"),
+    Column("source", "", "the files it is made from"),
+)
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""The page of columns says what is in the files, and nothing else."""
+"""The page of columns, which is made of what the code says, says what is in the files, and nothing else."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from fgpose.io.calibration import save_rig as save_calibration
 from fgpose.io.origin import CalibrationOrigin
 from fgpose.io.studies.events import Event
 from fgpose.io.studies.results import write_part
+from fgpose.io.tables import Column
 from fgpose.io.trajectories.npz import write_npz as save_npz
 from fgpose.people import PeopleObservations
 from fgpose.report.quality import Quality
@@ -43,13 +45,31 @@ NPZ = {
 
 
 @cache
-def described() -> dict[str, list[str]]:
-    """The columns of each table, in order, by the heading."""
+def tables() -> dict[str, tuple[Column, ...]]:
+    """Those that the page shows, by the heading."""
     found = {}
     for section in PAGE.read_text(encoding="utf-8").split("\n## ")[1:]:
-        rows = [line for line in section.splitlines() if line.startswith("| `")]
-        found[section.splitlines()[0]] = [name for row in rows for name in re.findall(r"`([^`]+)`", row.split("|")[1])]
+        (module, name) = re.findall(r"```{columns} ([\w.]+)\.(\w+)\n```", section)[0]
+        found[section.splitlines()[0]] = getattr(import_module(module), name)
     return found
+
+
+@cache
+def described() -> dict[str, list[str]]:
+    """The columns of each table, in order, by the heading."""
+    return {
+        heading: [name for column in columns for name in column.names.split()] for heading, columns in tables().items()
+    }
+
+
+def test_the_page_shows_names_units_and_meanings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(PAGE.parents[1] / "extensions"))
+    markdown = import_module("columns").markdown
+    assert markdown([Column("x_m y_m", "m", "position"), Column("joint", "", "its name")]) == (
+        "| column | unit | meaning |\n| --- | --- | --- |\n| `x_m`, `y_m` | m | position |\n| `joint` |  | its name |"
+    )
+    assert "| `joints` |  | (J,) | their names |" in markdown([Column("joints", "", "their names", "(J,)")])
+    assert all(column.meaning for columns in tables().values() for column in columns)
 
 
 def check(heading: str, columns: Iterable[str]) -> None:
@@ -145,9 +165,7 @@ def test_the_arrays_of_npz_files(
 
 def shapes_of(heading: str) -> dict[str, str]:
     """By the name of the array."""
-    section = PAGE.read_text(encoding="utf-8").split(f"\n## {heading}\n")[1].split("\n## ")[0]
-    rows = (line.split("|") for line in section.splitlines() if line.startswith("| `"))
-    return {row[1].strip(" `"): row[3].strip() for row in rows}
+    return {column.names: column.shape for column in tables()[heading]}
 
 
 def _shape(text: str, sizes: Mapping[str, int]) -> str | tuple[int, ...]:

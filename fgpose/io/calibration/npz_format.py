@@ -16,6 +16,7 @@ from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin, origin_of_table, table_of
 from fgpose.io.content import parse_json
+from fgpose.io.tables import Column
 
 # The longest distortion that Camera takes; shorter ones are filled up with NaN.
 _MAX_COEFFICIENTS = 8
@@ -35,6 +36,41 @@ _CHANGES = {"clock_drift": 1, "clock_jumps": 2, "moves": 17}
 much later; since when and the pose."""
 _ORIGIN = "origin"
 """A text of JSON, where something is known."""
+ARRAYS = (
+    Column("camera_names", "", "their names", "(C,)"),
+    Column("size_px", "px", "width and height of the images", "(C, 2)"),
+    Column("K", "px", "focal lengths and principal point of each camera", "(C, 3, 3)"),
+    Column(
+        "world_T_camera",
+        "m",
+        "pose: takes points of the camera (x right, y down, z forward) to the world",
+        "(C, 4, 4)",
+    ),
+    Column("distortion", "", "coefficients in the order of OpenCV; NaN: not used", "(C, 8)"),
+    Column("lens", "", "`pinhole` or `fisheye`", "(C,)"),
+    Column("time_offset_s", "s", "how much later than its time stamps say the camera takes its images", "(C,)"),
+    Column("start_s", "s", "the part of it that is not of the camera but of a recording: when that began", "(C,)"),
+    Column(
+        "clock_drift",
+        "s/s",
+        "number of a camera whose clock drifts, and how much later still for each second of the time stamps",
+        "(rows, 2)",
+    ),
+    Column(
+        "clock_jumps",
+        "s",
+        "number of a camera whose clock jumps, since when by the time stamps, how much later than before",
+        "(rows, 3)",
+    ),
+    Column(
+        "moves",
+        "s, m",
+        "number of a camera that was moved, since when by the time stamps, its pose since then (world_T_camera, "
+        "row by row)",
+        "(rows, 18)",
+    ),
+    Column("origin", "", "how the cameras became what they are, as JSON", "text"),
+)
 
 
 def read(path: Path) -> list[CalibratedView]:

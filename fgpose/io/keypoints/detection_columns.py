@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Int
 
-from fgpose.io.tables import COVARIANCE_COLUMNS, names, numbers, symmetric
+from fgpose.io.tables import COVARIANCE_COLUMNS, Column, names, numbers, symmetric
 from fgpose.shown.unknown_names import check_names
 from fgpose.skeleton import Skeleton
 
@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 _COLUMNS_2D = ("x_px", "y_px")
 _COLUMNS_3D = ("x_m", "y_m", "z_m")
 _REQUIRED_COLUMNS = (*_COLUMNS_2D, "confidence")
+DETECTION = (
+    Column("x_px y_px", "px", "detection in the original image"),
+    Column("confidence", "0 to 1", "of the detector; 0: not detected"),
+    Column("x_m y_m z_m", "m", "the joint as this view alone gives it, in the world; if there is per-view 3D"),
+    Column(" ".join(COVARIANCE_COLUMNS), "m²", "its covariance"),
+)
 
 
 def detection_columns(arrays: Mapping[str, np.ndarray | None]) -> dict[str, np.ndarray]:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
 from fgpose.io.keypoints.detection_columns import (
+    DETECTION,
     detection_arrays,
     detection_columns,
     joint_indices,
@@ -20,7 +21,7 @@ from fgpose.io.keypoints.detection_columns import (
 from fgpose.io.keypoints.recording_files import SKELETON, is_parquet, is_recording, with_skeleton
 from fgpose.io.names import match_cameras
 from fgpose.io.skeletons.tables import skeleton_to_json
-from fgpose.io.tables import column_names, names, nullable, numbers, read_table, write_table
+from fgpose.io.tables import Column, column_names, names, nullable, numbers, read_table, write_table
 from fgpose.observations import is_infinite, positive_definite
 from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
@@ -28,6 +29,31 @@ from fgpose.skeleton import Skeleton
 
 _SHAPES = {"points2d_px": (2,), "confidence": (), "points3d_m": (3,), "covariance3d_m2": (3, 3)}
 _IN_3D = ("points3d_m", "covariance3d_m2")
+COLUMNS = (
+    Column("camera", "", "its name"),
+    Column("image", "", "number of the image of this camera, from 0"),
+    Column("time_s", "s", "time of the image"),
+    Column("person", "", "number of the detection in the image; says nothing of who it is"),
+    Column("joint", "", "name of the joint"),
+    *DETECTION,
+)
+ARRAYS = (
+    Column("camera_names", "", "their names", "(C,)"),
+    Column("joints", "", "their names", "(J,)"),
+    Column("skeleton", "", "the skeleton, as JSON", "(1,)"),
+    Column("image_camera", "", "number of the camera of each image", "(I,)"),
+    Column("image_time_s", "s", "when it was taken", "(I,)"),
+    Column("n_people", "", "how many detections it has; the sum is N", "(I,)"),
+    Column("points2d_px", "px", "detections in the original images", "(N, J, 2)"),
+    Column("confidence", "0 to 1", "of the detector; 0: not detected", "(N, J)"),
+    Column(
+        "points3d_m",
+        "m",
+        "the joints as the view alone gives them, in the world; if there is per-view 3D",
+        "(N, J, 3)",
+    ),
+    Column("covariance3d_m2", "m²", "their covariances", "(N, J, 3, 3)"),
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
 from fgpose.io.content import first_bytes
 from fgpose.io.keypoints.detection_columns import (
+    DETECTION,
     detection_arrays,
     detection_columns,
     joint_indices,
@@ -22,7 +23,7 @@ from fgpose.io.keypoints.detection_columns import (
 from fgpose.io.mistaken import refuse_result
 from fgpose.io.names import match_cameras
 from fgpose.io.skeletons.tables import skeleton_to_json
-from fgpose.io.tables import names, nullable, numbers, read_table, write_table
+from fgpose.io.tables import Column, names, nullable, numbers, read_table, write_table
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
 from fgpose.shown.wrong_types import check_type
@@ -36,6 +37,33 @@ SKELETON = "skeleton"
 _REQUIRED_ARRAYS = ("time_s", "points2d_px", "confidence", "camera_names", "joints")
 # Rows without a detection may be left out, but not nearly all.
 _MAX_CELLS_PER_ROW = 1000
+COLUMNS = (
+    Column("frame", "", "number of the frame, from 0"),
+    Column("time_s", "s", "time of the image of this camera"),
+    Column("camera", "", "its name"),
+    Column("joint", "", "name of the joint"),
+    *DETECTION,
+)
+ARRAYS = (
+    Column(
+        "time_s",
+        "s",
+        "time of each frame, or of each image where cameras have clocks of their own",
+        "(T,) or (T, C)",
+    ),
+    Column("points2d_px", "px", "detections in the original images", "(T, C, J, 2)"),
+    Column("confidence", "0 to 1", "of the detector; 0: not detected", "(T, C, J)"),
+    Column("camera_names", "", "their names", "(C,)"),
+    Column("joints", "", "their names", "(J,)"),
+    Column("skeleton", "", "the skeleton, as JSON", "(1,)"),
+    Column(
+        "points3d_m",
+        "m",
+        "the joints as each view alone gives them, in the world; if there is per-view 3D",
+        "(T, C, J, 3)",
+    ),
+    Column("covariance3d_m2", "m²", "their covariances", "(T, C, J, 3, 3)"),
+)
 
 
 def with_skeleton(table: pa.Table, skeleton: Skeleton) -> pa.Table:

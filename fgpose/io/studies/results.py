@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 from fgpose.io.atomic import write_text
 from fgpose.io.names import not_hidden
-from fgpose.io.tables import as_cell, read_table, write_table
+from fgpose.io.tables import Column, as_cell, read_table, write_table
 from fgpose.plain_files import naming
 
 STUDY_NAME = "fgpose.study"
@@ -31,6 +31,10 @@ _FOLDERS = ("recordings", "motion", "angles")
 _FILES = ("quality.csv", "quality.parquet", "events.parquet", "report.html")
 LOCK = ".lock"
 """In that folder while a study is at work, and from then on."""
+OF_PARTS = (
+    Column("recording", "", "subject/session/trial"),
+    Column("trial", "", "its last part; `subject` and `session` are in the names of the folders"),
+)
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: Path, metadata: Mapping[str, str] | None = None) -> None:

@@ -17,6 +17,7 @@ from fgpose.io.content import first_bytes
 from fgpose.io.names import own_paths
 from fgpose.io.origin import Origin, origin_to_json
 from fgpose.io.tables import (
+    Column,
     file_metadata,
     metadata,
     names,
@@ -50,7 +51,27 @@ _UNITS_KEY = "fgpose.units"
 _HEAD_BYTES = 4 << 20  # the parameters of a C3D are in these
 _Quantities = tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], Float[np.ndarray, "frame quantity"]]
 """Kinds, names, values and standard deviations."""
-_COLUMNS = ("time_s", "frame", "person", "kind", "name", "value", "sigma", "unit")
+KINEMATICS = (
+    Column("time_s", "s", "time of the frame"),
+    Column("frame", "", "number of the frame, as in the result"),
+    Column("person", "", "number of the person"),
+    Column("kind", "", "`angle`, `speed` or `height`"),
+    Column("name", "", "the [angle](../angles.md), or the joint; `centre`: the root of the body"),
+    Column(
+        "value",
+        "that of `unit`",
+        "the quantity; heights are above the origin of the world; speeds are over the two steps around a frame, "
+        "and not known in a gap and beside it, where frames are missing too",
+    ),
+    Column("sigma", "that of `unit`", "its standard deviation; not known of speeds"),
+    Column("unit", "", "`deg`, `m/s` or `m`"),
+)
+_COLUMNS = tuple(column.names for column in KINEMATICS)
+MOT = (
+    Column("time", "s", "time of the frame"),
+    Column("pelvis_tx pelvis_ty pelvis_tz", "m", "the pelvis, y up"),
+    Column("<coordinate>", "deg", "a rotation, by the name that it has in OpenSim's models (`knee_angle_l`)"),
+)
 
 
 def check_kinematics_output(path: str | Path, people: Collection[Trajectory] = ()) -> None:

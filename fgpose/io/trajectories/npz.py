@@ -9,12 +9,47 @@ import numpy as np
 from jaxtyping import Int
 
 from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
-from fgpose.io.tables import whole_numbers
+from fgpose.io.tables import Column, whole_numbers
 from fgpose.io.trajectories.description import LENGTHS, describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
 _ARRAYS = ("covariance_m2", "residual_px", "visibility", "frame_numbers")
 _TEXTS = ("skeleton", "camera_names", *LENGTHS, "convergence", "implausible_frames", "config")
+ARRAYS = (
+    Column("time_s", "s", "time of each frame: the mean time at which the cameras took it", "(T,)"),
+    Column("positions_m", "m", "of each joint, in the world of the calibration", "(T, J, 3)"),
+    Column("status", "", "number of its status in `status_names`", "(T, J)"),
+    Column("status_names", "", "`observed`, `predicted`, `unobservable`, in the order of the numbers", "(3,)"),
+    Column("joints", "", "their names", "(J,)"),
+    Column("skeleton", "", "the skeleton, as JSON", "text"),
+    Column("camera_names", "", "names of the cameras, as JSON", "text"),
+    Column(
+        "bone_lengths_m",
+        "m",
+        "a list of L lengths, one for a bone and its mirror image, as JSON; null: not estimated",
+        "text",
+    ),
+    Column("bone_length_sigma_m", "m", "their standard deviations, as JSON; not in files of older versions", "text"),
+    Column("convergence", "", "how the optimiser ended, as JSON", "text"),
+    Column(
+        "implausible_frames",
+        "",
+        "frames that were left out because their detections make no body, as JSON",
+        "text",
+    ),
+    Column("config", "", "the configuration, as TOML", "text"),
+    Column("covariance_m2", "m²", "covariance of each position", "(T, J, 3, 3)"),
+    Column("residual_px", "px", "distance between detection and projected joint, undistorted", "(T, C, J)"),
+    Column("visibility", "0 to 1", "probability that the detection is of the joint, and not hallucinated", "(T, C, J)"),
+    Column(
+        "frame_numbers",
+        "",
+        "of each frame in the recording, from 0; where they are not known (C3D), counted from the first; not in "
+        "files of older versions",
+        "(T,)",
+    ),
+    Column("made_by", "", "the command of fgpose that wrote it, and the recording that it was made from", "text"),
+)
 
 
 def write_npz(trajectory: Trajectory, path: Path, made_by: str = "") -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.io.tables import COVARIANCE_COLUMNS, nullable
+from fgpose.io.tables import COVARIANCE_COLUMNS, Column, nullable
 from fgpose.kinematics.quantities import Quantities
 from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.trajectory import Status, Trajectory
@@ -21,6 +21,38 @@ AXES = "xyz"
 PER_CAMERA = ("residual_px", "visibility")
 """Fields with one column for each camera: residual_px_<camera>."""
 _FRAMES_AT_ONCE = 5000  # in a group of rows: 30 MB
+RESULT = (
+    Column("time_s", "s", "time of the frame: the mean time at which the cameras took it"),
+    Column(
+        "frame",
+        "",
+        "number of the frame in the recording, from 0; of results that do not know it (C3D, npz of older "
+        "versions), counted from their first frame",
+    ),
+    Column("person", "", "number of the person, 0 where there is one"),
+    Column("joint", "", "name of the joint in the skeleton"),
+    Column("x_m y_m z_m", "m", "position"),
+    Column(
+        " ".join(COVARIANCE_COLUMNS),
+        "m²",
+        "covariance of the position; the square root of `cov_xx_m2` is the standard deviation of `x_m`",
+    ),
+    Column("n_views", "", "cameras with a detection of the joint"),
+    Column(
+        "reprojection_px",
+        "px",
+        "median over the cameras of the distance between detection and projected joint, undistorted",
+    ),
+    Column("residual_px_<camera>", "px", "this distance in one camera"),
+    Column("visibility_<camera>", "0 to 1", "probability that the detection is of the joint, and not hallucinated"),
+    Column(
+        "status",
+        "",
+        "`observed`: two cameras or more see it, which are those whose detections are more probably of the joint "
+        "than hallucinated (`visibility_<camera>` above 0.5), so there may be more in `n_views`; `predicted`: "
+        "from other joints and frames; `unobservable`: nothing determines it",
+    ),
+)
 
 
 def numbered(shown: Trajectory | Quantities) -> Int[np.ndarray, " frame"]:

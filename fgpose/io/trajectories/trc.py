@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_lines
 from fgpose.io.content import read_content, text_lines
-from fgpose.io.tables import as_cell, name_in_cell, one_line
+from fgpose.io.tables import Column, as_cell, name_in_cell, one_line
 from fgpose.io.trajectories.markers import (
     constant_rate_hz,
     markers_to_trajectory,
@@ -41,6 +41,15 @@ _UNITS_PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 _SEPARATORS = ("\t", ";", ",")
 _N_HEADER_LINES = 5  # of the TRC format
 _NUMBER = re.compile(r"[0-9]{1,9}")
+COLUMNS = (
+    Column("Frame#", "", "number of the frame in the recording, from 1; frames in which nobody is there have no row"),
+    Column("Time", "s", "time of the frame"),
+    Column(
+        "<marker>",
+        "m",
+        "three cells, x, y and z, with y up; [named as in Pose2Sim's models](formats.md#trc) (`RHip`)",
+    ),
+)
 
 
 def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_by: str = "") -> None:
