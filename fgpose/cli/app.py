@@ -24,7 +24,7 @@ from typing import Annotated, Any, Protocol, TextIO, runtime_checkable
 import numpy as np
 
 from fgpose.cli.command_list import print_commands
-from fgpose.cli.console import printable
+from fgpose.cli.console import as_wide_as_the_terminal, printable
 from fgpose.cli.mistakes import in_one_line
 from fgpose.cli.process import open_streams, say, set_arguments, signals_as_exceptions, silence_stdout
 from fgpose.config import Config, load_config
@@ -222,15 +222,24 @@ def _join_lines_of_help() -> None:
 
 def _parsed(parse: Callable[..., Command], arguments: list[str], known: Collection[str]) -> Command:
     """Raises SystemExit, 2 after a line that says what is wrong with the arguments."""
-    box = io.StringIO()
+    box, printed = io.StringIO(), _like_stdout()
     try:
-        with redirect_stderr(box):
+        with redirect_stderr(box), redirect_stdout(printed):
             return parse(args=arguments[1:])
     except SystemExit as end:
+        printed.seek(0)
+        sys.stdout.write(as_wide_as_the_terminal(printed.read()))
         if end.code == FAILED:
             line = in_one_line(_printed(parse, arguments[1:]), arguments, known, _options(parse, arguments))
             say(f"fgpose: error: {printable(line)}\n" if line else box.getvalue())
         raise
+
+
+def _like_stdout() -> io.TextIOWrapper:
+    """What is printed there gets the colours and frames that stdout would have."""
+    memory = io.TextIOWrapper(io.BytesIO(), sys.stdout.encoding, errors="backslashreplace")
+    vars(memory)["isatty"] = sys.stdout.isatty
+    return memory
 
 
 def _options(parse: Callable[..., Command], arguments: list[str]) -> set[str]:

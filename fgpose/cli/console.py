@@ -4,6 +4,8 @@ be seen."""
 from __future__ import annotations
 
 import re
+import shutil
+import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -31,6 +33,18 @@ _LINE_EVERY_S = 30.0
 def printable(text: str) -> str:
     """The text with characters that a terminal would obey as escapes, as ``\\x1b``."""
     return _COMMANDS.sub(lambda match: ascii(match[0])[1:-1], text)
+
+
+def as_wide_as_the_terminal(text: str) -> str:
+    """With line breaks between words, where a terminal would break lines inside of them."""
+    width = shutil.get_terminal_size().columns
+    lines = [
+        textwrap.wrap(line, width, break_long_words=False, break_on_hyphens=False)
+        if len(line) > width and "\x1b" not in line
+        else [line]
+        for line in text.split("\n")
+    ]
+    return "\n".join("\n".join(parts) for parts in lines)
 
 
 class PlainConsole(Console):

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console
+from fgpose.cli.options import DeviceChoice
 from fgpose.cli.viewers import open_viewer, warn_if_others_reach
-from fgpose.monocular.networks.devices import Device
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,7 +43,7 @@ class LiveInputs:
     """Network that looks for people in images."""
     max_people: Annotated[int, arg(metavar="N")] = 2
     """How many people to find in each image at most."""
-    device: Annotated[Device | None, arg(help_behavior_hint="(default: auto, or monocular.device of --config)")] = None
+    device: DeviceChoice = None
     """Where the network runs; fgpose models list shows what is there."""
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
     """Joints of the keypoints where all detectors are elsewhere."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from tyro.conf import Positional, arg
 
 from fgpose.config import Config
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.parameters import Device
 
 if TYPE_CHECKING:
     from fgpose.association.chosen_person import PersonRegion
@@ -34,6 +35,12 @@ _PEOPLE = (
     "all: everybody, told apart. 1: the main person, who is seen most or, of those seen about as much, nearest to the "
     "cameras. auto: all where there are several."
 )
+# tyro would list None among the choices.
+_DEVICE = arg(
+    metavar=f"{{{','.join(get_args(Device))}}}", help_behavior_hint="(default: auto, or monocular.device of --config)"
+)
+DeviceChoice = Annotated[Device | None, _DEVICE]
+"""Where networks run; None: not said."""
 _MIN_CONFIDENCE = "Detections of less confidence are taken for missing."
 _REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
 

@@ -35,8 +35,9 @@ _RECORDING = (
     "file of fgpose (npz, parquet)."
 )
 _SKELETON = (
-    "What detected joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, mhr_70, "
-    "smpl_24, or your own TOML file. Of videos it is needed for metrabs only."
+    "What detected joints are, where they do not say it: a name that fgpose skeletons lists (body_25, coco_17, "
+    "halpe_26; with hands openpose_67, coco_wholebody_133, halpe_136), or your own TOML file. Of videos it is needed "
+    "for metrabs only."
 )
 _FROM = (
     "A calibration that was right until somebody bumped a camera: says which camera was moved and by how much, and "

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
-from fgpose.cli.options import CameraChoice, WantedOptions, checked_frames
+from fgpose.cli.options import CameraChoice, DeviceChoice, WantedOptions, checked_frames
 from fgpose.monocular.networks.devices import Device
 from fgpose.observations import check_confidence
 
@@ -59,7 +59,7 @@ class NetworkOptions:
     max_people: Annotated[int, arg(metavar="N")] = 8
     """How many people to find in each image at most. More take longer; fewer than there are, and some are not
     estimated, or the one who is chosen is somebody else in some images."""
-    device: Annotated[Device | None, arg(help_behavior_hint="(default: auto, or monocular.device of --config)")] = None
+    device: DeviceChoice = None
     """Where the network runs; fgpose models list shows what is there, and what auto takes."""
     jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None
     """How many cameras to work on at the same time."""
@@ -184,7 +184,7 @@ class Detect(VideoOptions):
     """Folder for the results; it is made if it is absent. What another command left there is not replaced."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the videos)")] = None
     """Name of the result files, without extension."""
-    formats: tuple[Literal["parquet", "npz"], ...] = ("parquet",)
+    formats: Annotated[tuple[Literal["parquet", "npz"], ...], arg(metavar="FORMAT ...")] = ("parquet",)
     """parquet is a table that any data tool reads, npz is for NumPy."""
 
     def sources(self) -> Sources:
