@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Collection, Sequence
 
-from fgpose.shown.unknown_names import nearest
+from fgpose.shown.unknown_names import did_you_mean, nearest
 
 _LINE = re.compile(r"[│| ] (.*?) *[│|]?")  # in the box
 _NAME = re.compile(r" {4}(\S.*)")  # of an option; what it means is further to the right
@@ -52,7 +53,8 @@ def in_one_line(text: str, arguments: Sequence[str], commands: Collection[str], 
         return f"{missing[1]} needs {' and '.join(needed)}; {missing[1]} --help lists what there is"
     if found := re.search(r"invalid choice '(.*?)' for argument '(.*?)'. Expected one of \((.*?),?\)", said):
         choices = found[3].replace("'", "").split(", ")
-        return f"{found[2]} {found[1]}: choose {', '.join(choices[:-1])} or {choices[-1]}"
+        meant = did_you_mean(found[1], choices)
+        return f"{found[2]} {found[1]}{meant}: choose {', '.join(choices[:-1])} or {choices[-1]}"
     if found := re.search(r"Missing value for argument '(.*?)'", said):
         if not found[1].startswith("-"):
             return f"{command} needs {found[1].upper()}; {help_says}"
@@ -77,7 +79,8 @@ def _unknown(lines: Sequence[str]) -> list[str]:
     """In one line, or one under the other."""
     at = next(n for n, line in enumerate(lines) if "Unrecognized options:" in line)
     same = lines[at].partition("options:")[2].strip()
-    return same.split(", ") if same else [found[1] for line in lines[at + 1 :] if (found := _NAME.fullmatch(line))]
+    under = itertools.takewhile(lambda line: "full helptext" not in line, lines[at + 1 :])
+    return same.split(", ") if same else [found[1] for line in under if (found := _NAME.fullmatch(line))]
 
 
 def _meant(name: str, names: Collection[str]) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 from fgpose.monocular.downloads import packages
 from fgpose.monocular.downloads.cache import CachedFile, Say, cache_folder, provide
 from fgpose.monocular.downloads.packages import Download, Member, Package
+from fgpose.shown.unknown_names import did_you_mean
 
 _WHEEL = Package("PyPI", "mediapipe", "0.10.21")
 _TARBALL = Package("npm", "@mediapipe/pose", "0.5.1675469404")
@@ -93,7 +94,8 @@ def find_model(name: str) -> Model:
     for model in MODELS:
         if model.name == name:
             return model
-    raise ValueError(f"no model {name!r}; there is {', '.join(model.name for model in MODELS)}")
+    names = [model.name for model in MODELS]
+    raise ValueError(f"no model {name!r}{did_you_mean(name, names)}; there is {', '.join(names)}")
 
 
 def _converted(name: str, source: Member, n_bytes: int, sha256: str, outputs: tuple[str, ...]) -> CachedFile:

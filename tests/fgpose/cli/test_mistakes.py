@@ -53,6 +53,12 @@ NEEDED = ["--rig", "Calib.toml", "--skeleton", "coco_17"]
         (["smooth", "x", *NEEDED, "--fps", "fast"], "--fps fast: a number is needed"),
         (["smooth", "x", *NEEDED, "--frames", "1.5"], "--frames 1.5: a whole number is needed"),
         (["smooth", "x", *NEEDED, "--people", "two"], "--people two: choose auto, all or 1"),
+        (
+            ["smooth", "x", *NEEDED, "--motion.model", "constant_velocty"],
+            "--motion.model constant_velocty (did you mean constant_velocity?): choose none, random_walk or "
+            "constant_velocity",
+        ),
+        (["smooth", "x", "y", "z"], "nothing is expected at y z; fgpose smooth --help lists what there is"),
         (["smooth", "x", "--rig"], "--rig: a value is missing"),
         (["models", "pul"], "fgpose models pul is none of pull, list; did you mean pull?"),
         (["models", "pull"], "fgpose models pull needs NAME; fgpose models pull --help lists what there is"),
@@ -68,6 +74,21 @@ def test_one_line_says_what_is_wrong(
     printed = capsys.readouterr()
     assert printed.err == f"fgpose: error: {message}\n"
     assert not printed.out
+
+
+@pytest.mark.parametrize("command", ["smooth", "detect", "calibrate", "live"])
+def test_help_breaks_its_lines_between_words(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 80
+    document = resolve_name(f"fgpose.cli.{_PLACES[command]}").__doc__
+    assert " ".join(document.split()) in " ".join(printed.split())
+    assert "None" not in printed
+    assert "[{" not in printed
 
 
 @pytest.mark.parametrize("command", ["smooth", "track", "refine", "run"])
