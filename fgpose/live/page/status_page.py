@@ -146,7 +146,8 @@ class StatusPage(Closing):
         # -P: beside the program lie modules whose names may be those of the standard library.
         command = [sys.executable, "-P", str(Path(__file__).with_name("page_server.py")), *map(str, numbers)]
         with other:
-            process = subprocess.Popen(command, pass_fds=numbers, stdin=subprocess.DEVNULL)
+            # Ctrl-C is for this process: the page is there until it is closed, and ends with its connection.
+            process = subprocess.Popen(command, pass_fds=numbers, stdin=subprocess.DEVNULL, start_new_session=True)
         return process, Connection(own.detach())
 
     def _serve(self) -> None:

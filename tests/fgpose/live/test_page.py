@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import signal
 import socket
 import time
@@ -188,6 +189,11 @@ def test_a_server_that_is_killed_comes_back(odd_rig: CameraRig, skeleton: Skelet
         state = json.loads(wait_for(page, "/state.json"))
         assert state["frame"]["sequence"] == 0
         assert [(each.part, each.n) for each in parts.so_far()] == [("the status page", 1)]
+
+
+def test_ctrl_c_does_not_reach_the_server(page: StatusPage) -> None:
+    """A terminal sends it to all processes of the group in front."""
+    assert os.getpgid(page._process.pid) != os.getpgrp()
 
 
 def test_a_server_that_is_stopped_is_replaced(odd_rig: CameraRig, skeleton: Skeleton) -> None:
