@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from fgpose.io.keypoints.detections import (
     read_json,
 )
 from fgpose.io.names import camera_name, frame_numbers, not_hidden
+from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.skeletons.joint_names import whose_joints
 from fgpose.skeleton import Skeleton
 
@@ -78,7 +81,33 @@ def _detections(document: Any, source: Provenance, skeleton: Skeleton) -> ImageD
         raise ValueError(f"{source}: people are not a list of objects")
     if any(row and "pose_keypoints_2d" not in row for row in people):
         raise ValueError(f"{source}: a person without pose_keypoints_2d")
-    return detections_from_triples(source, skeleton, [_openpose_triples(row, source, skeleton) for row in people])
+    found = detections_from_triples(source, skeleton, [_openpose_triples(row, source, skeleton) for row in people])
+    used = {"", *(part.name for part in skeleton.parts)}
+    n_unused = max((sum(n for name, n in _n_listed(row).items() if name not in used) for row in people), default=0)
+    return replace(found, n_given=found.n_given + n_unused) if found.n_given else found
+
+
+def _n_listed(person: Mapping[str, Any]) -> dict[str, int]:
+    """How many joints each list has that is not empty, by the name of the part."""
+    given = {name: person.get(key) for name, key in _OPENPOSE_LISTS.items()}
+    return {name: len(numbers) // 3 for name, numbers in given.items() if isinstance(numbers, list) and numbers}
+
+
+def skeletons_with_parts(document: Any) -> tuple[str, ...]:
+    """The built-in skeletons that have hands and face as well, whose lists are in an image of OpenPose."""
+    people = [row for row in document["people"] if isinstance(row, dict)] if isinstance(document, dict) else []
+    fitting = dict.fromkeys(
+        skeleton.name
+        for skeleton in map(load_skeleton, builtin_skeletons())
+        if skeleton.parts
+        for row in people
+        if _n_joints(skeleton).items() <= _n_listed(row).items()
+    )
+    return tuple(fitting)
+
+
+def _n_joints(skeleton: Skeleton) -> dict[str, int]:
+    return {"": len(skeleton.body), **{part.name: len(part.joints) for part in skeleton.parts}}
 
 
 def _openpose_triples(person: dict[str, Any], source: Provenance, skeleton: Skeleton) -> list[Any]:

@@ -15,7 +15,7 @@ from fgpose.io.formats import KeypointFormat, recognised
 from fgpose.io.keypoints import deeplabcut, freemocap, live_files
 from fgpose.io.keypoints.camera_files import read_document, reader_of, stated_joints
 from fgpose.io.keypoints.detections import Provenance, read_json
-from fgpose.io.keypoints.image_files import image_format
+from fgpose.io.keypoints.image_files import image_format, skeletons_with_parts
 from fgpose.io.keypoints.networks.network_files import is_of_network, joints_of
 from fgpose.io.keypoints.recording_files import SKELETON, is_parquet, is_recording
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
@@ -97,11 +97,11 @@ def _of_cameras(path: Path) -> Skeleton:
             said = _of_images(source) if source.is_dir() else _of_camera(Provenance(source, name))
         if said is None:
             continue
-        format_name, n_joints, fitting = said
+        format_name, n_joints, fitting, with_parts = said
         if format_name in _OF_2D_NETWORKS:
             fitting = tuple(each for each in fitting if each not in _OF_3D_NETWORKS) or fitting
-        if len(fitting) != 1 or format_name in _OF_ANY_SKELETON:
-            raise _not_said(path, fitting, n_joints)
+        if len(fitting) != 1 or with_parts or format_name in _OF_ANY_SKELETON:
+            raise _not_said(path, fitting, n_joints, with_parts)
         skeleton = load_skeleton(fitting[0])
         if n_joints:
             warnings.warn(
@@ -113,13 +113,14 @@ def _of_cameras(path: Path) -> Skeleton:
     raise ValueError(f"{path}: it shows nobody, and does not say what the joints are; give the skeleton (--skeleton)")
 
 
-_Said = tuple[str, int, tuple[str, ...]]
-"""A format; how many joints there are, 0 where their names are known; the skeletons that may be meant."""
+_Said = tuple[str, int, tuple[str, ...], tuple[str, ...]]
+"""A format; how many joints there are, 0 where their names are known; the skeletons that may be meant; those that have
+the hands and the face, too, of which there are lists beside the body's."""
 
 
 def _of_network(source: Path) -> _Said | None:
     network, n_joints = joints_of(source)
-    return (network, n_joints, skeletons_with(n_joints)) if n_joints else None
+    return (network, n_joints, skeletons_with(n_joints), ()) if n_joints else None
 
 
 def _of_images(folder: Path) -> _Said | None:
@@ -127,21 +128,22 @@ def _of_images(folder: Path) -> _Said | None:
         document = read_json(Provenance(path, folder.name))
         format_name = image_format(document)
         if format_name and (n_joints := _n_joints(format_name, document)):
-            return format_name, n_joints, skeletons_with(n_joints)
+            with_parts = skeletons_with_parts(document) if format_name == "OpenPose" else ()
+            return format_name, n_joints, skeletons_with(n_joints), with_parts
     return None
 
 
 def _of_camera(source: Provenance) -> _Said | None:
     if source.path.suffix == ".csv":
-        return "DeepLabCut", 0, _largest_within(deeplabcut.body_parts(source))
+        return "DeepLabCut", 0, _largest_within(deeplabcut.body_parts(source)), ()
     document = read_document(source)
     format_name, _ = reader_of(document, source)
     if format_name == "MMPose" and isinstance(document, Mapping):
         stated = skeletons_named(*stated_joints(document.get("meta_info")))
         if stated:
-            return format_name, 0, stated
+            return format_name, 0, stated, ()
     n_joints = _n_joints(format_name, document)
-    return (format_name, n_joints, skeletons_with(n_joints)) if n_joints else None
+    return (format_name, n_joints, skeletons_with(n_joints), ()) if n_joints else None
 
 
 def _n_joints(format_name: str, document: Any) -> int:
@@ -187,9 +189,11 @@ def _largest_within(parts: Sequence[str]) -> tuple[str, ...]:
     return tuple(each.name for each in within if each.n_joints == most)
 
 
-def _not_said(path: Path, likely: Sequence[str], n_joints: int = 0) -> ValueError:
+def _not_said(path: Path, likely: Sequence[str], n_joints: int = 0, with_parts: Sequence[str] = ()) -> ValueError:
     of_so_many = f" of {n_joints} joints is {' or '.join(likely)}" if likely and n_joints else ""
     fitting = of_so_many or (
         f" possible are {', '.join(likely)}" if likely else " fgpose skeletons lists those there are"
     )
+    if with_parts:
+        fitting += f"; with the hands, or the face, that it has too {' or '.join(with_parts)}"
     return ValueError(f"{path}: it does not say what its joints are; give the skeleton (--skeleton):{fitting}")

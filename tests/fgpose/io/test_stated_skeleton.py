@@ -54,6 +54,16 @@ def write_openpose(folder: Path, n_joints: int) -> None:
             (folder / f"{name}_json" / f"{name}_{frame:06d}.json").write_text(json.dumps({"people": people}))
 
 
+def write_openpose_with_hands(folder: Path, n_joints: int) -> None:
+    write_openpose(folder, n_joints)
+    for path in folder.glob("*/*.json"):
+        document = json.loads(path.read_text())
+        for person in document["people"]:
+            person |= {f"hand_{side}_keypoints_2d": flat(21) for side in ("left", "right")}
+            person["face_keypoints_2d"] = []
+        path.write_text(json.dumps(document))
+
+
 def write_mmpose_images(folder: Path, n_joints: int) -> None:
     person = {"keypoints": points(n_joints), "keypoint_scores": [0.75] * n_joints}
     for name in RIG.names:
@@ -155,7 +165,12 @@ OF_NETWORKS = {
     "NLF": (write_nlf, 24, "smpl_24"),
 }
 NOT_SAID = {
-    "OpenPose of 25": (write_openpose, 25, "of 25 joints is body_25 or body_25b"),
+    "OpenPose of 25": (write_openpose, 25, "of 25 joints is body_25 or body_25b$"),
+    "OpenPose with hands": (
+        write_openpose_with_hands,
+        25,
+        "of 25 joints is body_25 or body_25b; with the hands, or the face, that it has too openpose_67$",
+    ),
     "MMPose of 17": (write_mmpose_images, 17, "of 17 joints is coco_17 or h36m_17 or h36m_17_lt"),
     "MeTRAbs": (of_each_camera(metrabs), 24, "of 24 joints is smpl_24"),
     "nobody": (of_each_camera(lambda _: {"instance_info": [{"frame_id": 0, "instances": []}]}), 17, "it shows nobody"),
@@ -193,6 +208,15 @@ def test_the_number_of_joints_of_a_network_is_taken_and_that_is_said(case: str, 
     write(tmp_path, n_joints)
     with pytest.warns(UserWarning, match=f"the {n_joints} joints of .* are taken for those of {skeleton}; if they"):
         assert stated_skeleton(tmp_path) == fgpose.load_skeleton(skeleton)
+
+
+def test_hands_that_are_not_used_are_said(tmp_path: Path) -> None:
+    write_openpose_with_hands(tmp_path, 25)
+    with pytest.warns(UserWarning, match="of the 67 joints in the files only those of skeleton body_25 are used"):
+        assert load_people(tmp_path, RIG, "body_25", fps=50.0).skeleton.n_joints == 25
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert load_people(tmp_path, RIG, "openpose_67", fps=50.0).skeleton.n_joints == 67
 
 
 @pytest.mark.parametrize("case", NOT_SAID)
