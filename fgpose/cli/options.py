@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
@@ -11,6 +10,7 @@ from tyro.conf import Positional, arg
 
 from fgpose.config import Config
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.io.names import recording_name
 from fgpose.parameters import Device
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class OutputOptions:
         # dict: each format once.
         formats = possible_formats(tuple(dict.fromkeys(self.formats)))
         port = self.port if self.live else None
-        name = self.name or f"{Path(os.path.realpath(source)).stem}{self.name_ends}"
+        name = self.name or f"{recording_name(source)}{self.name_ends}"
         of_step = {"step": self.step, "source": source, "shown_as": self.rrd_ends, "rrd_fps": self.rrd_fps}
         return Outputs(self.output, name, formats, self.world_up, port, **of_step)
 

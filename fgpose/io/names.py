@@ -195,6 +195,12 @@ def files_below(folder: Path) -> Iterator[Path]:
         yield from (Path(inside, name) for name in sorted(files) if not name.startswith("."))
 
 
+def recording_name(source: Path) -> str:
+    """What a recording is called: the name of its folder, or of its file without the extension; links do not count."""
+    path = Path(os.path.realpath(source))
+    return path.name if path.is_dir() else path.stem
+
+
 def own_paths(path: Path, people: Collection[int]) -> tuple[Path, ...]:
     """A file for each person, named after the number; whoever is alone has the file itself."""
     return (path,) if len(people) == 1 else tuple(path.with_stem(f"{path.stem}_person{person}") for person in people)

@@ -15,6 +15,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.console import new_console, new_table, print_written, progress_bar
 from fgpose.cli.options import CameraChoice, DeviceChoice, WantedOptions, checked_frames
+from fgpose.io.names import recording_name
 from fgpose.monocular.networks.devices import Device
 from fgpose.observations import check_confidence
 
@@ -208,7 +209,7 @@ class Detect(VideoOptions):
 
         console = new_console()
         # dict: each format once.
-        name = self.name or Path(os.path.realpath(self.videos)).stem
+        name = self.name or recording_name(self.videos)
         outputs = Outputs(self.output, name, tuple(dict.fromkeys(self.formats)), step="detect")
         outputs.check(("detected",), () if self.rig is None else (self.rig,))
         detected = self.detect(console)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from fgpose.io.names import camera_name, frame_numbers, match_cameras, seen_cameras
+from fgpose.io.names import camera_name, frame_numbers, match_cameras, recording_name, seen_cameras
 
 
 @pytest.mark.parametrize(
@@ -73,3 +75,12 @@ def test_cameras_of_both_sides_alone_are_not_advised_away():
     with pytest.raises(ValueError, match="Is one of them the other") as error:
         match_cameras(("cam1", "cam2", "left"), ("cam1", "cam2", "right"))
     assert "--cameras" not in str(error.value)
+
+
+def test_a_folder_has_no_extension(tmp_path: Path) -> None:
+    folder, file = tmp_path / "walk_1.0_x", tmp_path / "walk_2.0_x.npz"
+    folder.mkdir()
+    file.touch()
+    (tmp_path / "link").symlink_to(folder)
+    assert recording_name(folder) == recording_name(tmp_path / "link") == "walk_1.0_x"
+    assert recording_name(file) == "walk_2.0_x"
