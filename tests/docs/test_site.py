@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from fgpose import parameters
+from fgpose.cli.app import _PLACES
 from tests.public_names import public_names
 
 ROOT = Path(__file__).parents[2]
@@ -74,6 +75,13 @@ def test_rows_of_tables_have_as_many_cells_as_their_heads(page: str) -> None:
             rows = table.splitlines()
             n_bars = [len(re.findall(r"(?<!\\)\|", row)) for row in rows]
             assert [row for row, n in zip(rows, n_bars, strict=True) if n != n_bars[0]] == [], each
+
+
+def test_every_command_has_its_help_on_a_page() -> None:
+    page = (DOCS / "reference" / "command_line.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^## (\S+)\n\n```\{command-help\} (\S+)$", page, re.MULTILINE)
+    assert all(heading == command for heading, command in shown)
+    assert {*_PLACES, "benchmark"} == {command for _, command in shown}
 
 
 def test_links_of_the_readme_lead_to_files() -> None:
