@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import Field, fields, is_dataclass
 from enum import Enum
 from typing import Any
@@ -44,7 +44,8 @@ def by_fields(shown: Any, summary: SummaryOf) -> Summary:
     facts = {word: fact for word, fact in ({"findings": ""} | facts | held).items() if fact and word != "rig"}
     verdicts = [value.value for each in _VERDICTS if isinstance(value := getattr(shown, each, None), Enum)]
     about = held.get("rig") or _sizes(shown) or " ".join(next(iter(facts.items()), ()))
-    rows = [(name, *(_cell(column[i]) for column in columns.values())) for i, name in enumerate(names)]
+    cells = [_cells(column) for column in columns.values()]
+    rows = [(name, *(column[i] for column in cells)) for i, name in enumerate(names)]
     title = f"{type(shown).__name__}: {', '.join([*verdicts, about])}"
     return Summary(title, facts, ("camera", *columns), rows if columns else ())
 
@@ -108,8 +109,7 @@ def _array(value: np.ndarray, unit: str, shape: list[str], names: tuple[str, ...
         return ""
     if value.ndim > 1:
         return f"{np.median(numbers):.3g} {unit}".strip() + " (median)"
-    digits = max(0, 2 - math.floor(math.log10(np.abs(numbers).max())))
-    low, high = f"{numbers.min():.{digits}f}", f"{numbers.max():.{digits}f}"
+    low, high = _rounded([numbers.min(), numbers.max()])
     return f"{low if low == high else f'{low} to {high}'} {unit}".strip()
 
 
@@ -134,7 +134,14 @@ def _plain(value: object, unit: str) -> str:
     return str(getattr(value, "text", ""))
 
 
-def _cell(value: Any) -> str:
-    if isinstance(value, bool | np.bool_):
-        return "yes" if value else "no"
-    return f"{value:.3g}" if np.isfinite(value) else "-"
+def _cells(column: np.ndarray) -> list[str]:
+    if column.dtype == bool:
+        return ["yes" if each else "no" for each in column]
+    return _rounded(column.tolist())
+
+
+def _rounded(numbers: Sequence[float]) -> list[str]:
+    """To the digits that the largest has, three of which count."""
+    largest = max((abs(each) for each in numbers if np.isfinite(each)), default=0.0)
+    digits = max(0, 2 - math.floor(math.log10(largest))) if largest else 0
+    return [f"{each:.{digits}f}" if np.isfinite(each) else "-" for each in numbers]

@@ -26,7 +26,6 @@ from fgpose.tracking.batch import SmoothedPeople
 from fgpose.tracking.online import Tracker
 from fgpose.trajectory import Estimate, Status, Trajectory
 
-_PARAMETER = ("parameter", "value", "default")
 _DIGITS = {"angle": 1, "speed": 2}  # by the kind of quantity
 
 
@@ -245,15 +244,14 @@ def _(diagnosis: Diagnosis) -> Summary:
 
 @summary.register
 def _(config: Config) -> Summary:
-    default, rows = Config(), []
+    default, facts = Config(), dict[str, str]()
     for name, section in vars(config).items():
-        usual = vars(getattr(default, name))
-        rows += [
-            (f"{name}.{key}", str(own), str(usual[key])) for key, own in vars(section).items() if own != usual[key]
-        ]
-    differ = f"{counted(len(rows), 'parameter')} not as by default" if rows else "all parameters as by default"
-    facts = {name: f"{own} ({usual} by default)" for name, own, usual in rows}
-    return Summary(f"Config: {differ}", facts or {"": f"sections {', '.join(vars(config))}"}, _PARAMETER, rows)
+        for key, own in vars(section).items():
+            usual = getattr(getattr(default, name), key)
+            if own != usual:
+                facts[f"{name}.{key}"] = f"{own} ({usual} by default)"
+    differ = f"{counted(len(facts), 'parameter')} not as by default" if facts else "all parameters as by default"
+    return Summary(f"Config: {differ}", facts or {"": f"sections {', '.join(vars(config))}"})
 
 
 @summary.register

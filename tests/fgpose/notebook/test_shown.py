@@ -167,7 +167,7 @@ def test_a_result_shows_verdict_ranges_and_a_table_by_camera() -> None:
     head = [cell.text for cell in table.findall("./thead/tr/th")]
     first = [cell.text for cell in table.findall("./tbody/tr")[0]]
     assert first[0] == "cam_01"
-    assert first[head.index("rotation [deg]")] == f"{angles[0]:.3g}"
+    assert first[head.index("rotation [deg]")] == f"{angles[0]:.3f}"
     assert first[head.index("moved")] == ("yes" if bumped.moved[0] else "no")
 
 
