@@ -8,6 +8,7 @@ from html import escape
 from fgpose.notebook.summary import Summary
 
 _MOST_ROWS = 40
+_SENTENCE = 25  # letters
 _LEFT, _RIGHT = "text-align:left", "text-align:right"
 
 
@@ -28,8 +29,12 @@ def html(summary: Summary) -> str:
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     if not rows:
         return ""
+    # Numbers end below each other, sentences begin so.
+    styles = [_RIGHT if max(map(len, column)) < _SENTENCE else _LEFT for column in zip(*rows, strict=True)]
     body = "".join(
-        f"<tr>{_cells('th', row[:1], _LEFT)}{_cells('td', row[1:], _RIGHT)}</tr>" for row in rows[:_MOST_ROWS]
+        f"<tr>{_cells('th', row[:1], _LEFT)}"
+        f"{''.join(_cells('td', [text], style) for text, style in zip(row[1:], styles[1:], strict=True))}</tr>"
+        for row in rows[:_MOST_ROWS]
     )
     left_out = f"<p>and {len(rows) - _MOST_ROWS} more</p>" if len(rows) > _MOST_ROWS else ""
     return f"<table><thead><tr>{_cells('th', columns, _LEFT)}</tr></thead><tbody>{body}</tbody></table>{left_out}"
