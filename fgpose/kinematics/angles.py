@@ -13,14 +13,18 @@ from jaxtyping import Float, Int
 from fgpose.geometry.up_axis import WorldUp, z_up, z_up_R_world
 from fgpose.kinematics import definitions
 from fgpose.kinematics.definitions import angles_of
+from fgpose.kinematics.errors.propagation import Effect, effects_on
+from fgpose.kinematics.errors.shared_errors import SharedErrors
 from fgpose.kinematics.landmarks import landmarks, points_of
-from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.kinematics.quantities import Quantities
 from fgpose.kinematics.ranges import AngleRanges, ranges_without_noise
+from fgpose.sampling import parts_of
 from fgpose.shown.wrong_types import check_type
 from fgpose.skeleton import Skeleton
 from fgpose.skeletons import named_skeleton
 from fgpose.trajectory import Trajectory
+
+_AT_ONCE = 250  # frames: what bones say of all joints of a whole body takes half a megabyte of each
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,34 +114,50 @@ def joint_angles(trajectory: Trajectory, world_up: WorldUp = "z") -> JointAngles
     sigma_deg = np.full_like(angle_deg, np.nan)
     if trajectory.covariance_m2 is not None:
         turned = trajectory.turned(z_up_R_world(world_up))
-        assert turned.covariance_m2 is not None
-        sigma_rad = _sigma_rad(turned.positions_m, turned.covariance_m2, _joints(trajectory))
+        sigma_rad = _sigma_rad(turned, _joints(trajectory))
         sigma_deg = np.rad2deg(np.stack([sigma_rad[name] for name in angles], axis=-1))
         sigma_deg[np.isnan(angle_deg)] = np.nan
     return JointAngles(tuple(angles), trajectory.time_s, angle_deg, sigma_deg, trajectory.frame_numbers)
 
 
-def _sigma_rad(
+def _sigma_rad(trajectory: Trajectory, joints: dict[str, tuple[int, ...]]) -> dict[str, Float[np.ndarray, " frame"]]:
+    """Of every angle; the world has z up."""
+    assert trajectory.covariance_m2 is not None
+    used = sorted({joint for indices in joints.values() for joint in indices})
+    errors = SharedErrors.of(trajectory, used)
+    sigma_rad = defaultdict[str, np.ndarray](lambda: np.zeros(trajectory.n_frames))
+    for part in parts_of(trajectory.n_frames, _AT_ONCE):
+        positions_m, covariance_m2 = trajectory.positions_m[part], trajectory.covariance_m2[part].astype(float)
+        gradient_rad: dict[str, np.ndarray] = {}
+        for slot in np.searchsorted(errors.joints, used).tolist():
+            for name, effect in _effects(positions_m, covariance_m2, joints, int(errors.joints[slot])).items():
+                of_all = gradient_rad.setdefault(name, np.zeros((len(positions_m), len(errors.joints), 3)))
+                of_all[:, slot] = effect.gradient_rad
+                sigma_rad[name][part] += effect.curved_rad2
+        correlation = errors.correlation(positions_m, covariance_m2)
+        for name, of_all in gradient_rad.items():
+            flat = of_all.reshape(len(positions_m), -1)
+            rad2 = np.einsum("ta,tab,tb->t", flat, correlation, flat, optimize=True)
+            sigma_rad[name][part] = np.sqrt(np.maximum(rad2, 0.0) + sigma_rad[name][part])
+    return sigma_rad
+
+
+def _effects(
     positions_m: Float[np.ndarray, "frame joint 3"],
     covariance_m2: Float[np.ndarray, "frame joint 3 3"],
     joints: dict[str, tuple[int, ...]],
-) -> dict[str, Float[np.ndarray, " frame"]]:
-    """Of every angle; joints err independently."""
-    points, total_rad2 = (
-        points_of(positions_m, joints),
-        defaultdict[str, np.ndarray](lambda: np.zeros(len(positions_m))),
-    )
-    for joint in sorted({joint for indices in joints.values() for joint in indices}):
-        moved = {name: indices for name, indices in joints.items() if joint in indices}
+    joint: int,
+) -> dict[str, Effect]:
+    """Of the error of a joint on every angle that depends on it."""
+    points = points_of(positions_m, joints)
+    moved = {name: indices for name, indices in joints.items() if joint in indices}
 
-        def angles_rad(position_m: np.ndarray, joint=joint, moved=moved) -> dict[str, Float[np.ndarray, " frame"]]:
-            change_m = position_m - positions_m[:, joint]
-            around = points | {name: points[name] + change_m / len(indices) for name, indices in moved.items()}
-            return {name: angle for name, (angle, _) in angles_of(around, moved).items()}
+    def angles_rad(position_m: np.ndarray) -> dict[str, Float[np.ndarray, " frame"]]:
+        change_m = position_m - positions_m[:, joint]
+        around = points | {name: points[name] + change_m / len(indices) for name, indices in moved.items()}
+        return {name: angle for name, (angle, _) in angles_of(around, moved).items()}
 
-        for name, added_rad2 in mean_squares_rad2(angles_rad, positions_m[:, joint], covariance_m2[:, joint]).items():
-            total_rad2[name] = total_rad2[name] + added_rad2
-    return {name: np.sqrt(rad2) for name, rad2 in total_rad2.items()}
+    return effects_on(angles_rad, positions_m[:, joint], covariance_m2[:, joint])
 
 
 def angles_deg(

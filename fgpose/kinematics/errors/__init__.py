@@ -1,0 +1,1 @@
+"""What the errors of joints do to angles."""
