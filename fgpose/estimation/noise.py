@@ -32,7 +32,7 @@ SAME_S = 0.5
 """For so long errors are taken for equally large: a few times as long as they are correlated."""
 _FEWEST_STRETCHES = 4  # tell how much they differ
 # Of the usual number of measurements. Fewer views see another axis of the errors: two side by side the vertical one.
-_LEAST_OF_STRETCH = 0.5
+LEAST_OF_STRETCH = 0.5
 _NORMAL_MEDIAN = 0.4549  # of the square of a normal error, in its variance
 ROUNDING = 1e-12
 """Of the total variance of a joint. A point next to a camera is known to micrometres in two directions and to a metre
@@ -84,7 +84,7 @@ def sizes_over_time(
             for hallucinated.
         measurements: how many tell it.
     """
-    told, sizes = (measurements > _LEAST_OF_STRETCH * np.median(measurements)) & (found > 0), np.ones(len(found))
+    told, sizes = (measurements > LEAST_OF_STRETCH * np.median(measurements)) & (found > 0), np.ones(len(found))
     found, measurements = found[told], measurements[told]
     logs = np.log(found * measurements.sum() / np.sum(found * measurements))
     sizes[told] = np.exp(share_believed(logs, measurements) * logs)

@@ -3,6 +3,7 @@ widened for what the graph does not model."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -106,8 +107,8 @@ class OnlineCovariances:
     def _responses(
         self, state: FrameState, linear_m2: Float[np.ndarray, "active_joint 3 3"], step_s: float, rig: CameraRig
     ) -> tuple[Directions, FilterResponse, FilterResponse, FilterResponse]:
-        """Of the newest pose, the smoothed one and their difference, along each direction; at first, when a frame alone
-        tells more than in a steady state, as if motion were that fast."""
+        """Of the newest pose, the smoothed one and their difference, along each direction, to errors as large as in
+        this frame; at first, when a frame alone tells more than in a steady state, as if motion were that fast."""
         step_s = float(np.clip(step_s, _LEAST_STEP_S, LONGEST_STEP_S))
         joints, model = state.joints, self._config.motion.model
         of_frame, learned = _frame_information(state, rig, self._config), self._information[joints]
@@ -119,7 +120,10 @@ class OnlineCovariances:
         gain = np.trace(of_frame, axis1=-2, axis2=-1) / of_graph
         at_first_m2 = index_of_gain(gain) ** 2 / directions.information.mean(axis=-1)
         index = np.sqrt(np.maximum(added_m2, at_first_m2)[:, None] * directions.information)
-        return directions, *filter_responses(index, step_s, TIMES_S, model, self._shared(state)[:, None])
+        responses = filter_responses(index, step_s, TIMES_S, model, self._shared(state)[:, None])
+        size = self.errors.size_in(state.evidence, state.positions_m, rig)
+        newest, smoothed, difference = (replace(each, noise=size * each.noise) for each in responses)
+        return directions, newest, smoothed, difference
 
     def _shared(self, state: FrameState) -> Float[np.ndarray, " active_joint"]:
         """Correlation of the errors of each joint with those of its neighbours, on average."""
@@ -133,7 +137,7 @@ class OnlineCovariances:
         components = self.errors.components
         variances = components.variances[state.joints].copy()
         variances[:, -1] *= state.evidence.bias_share[0, state.joints]
-        noise = self.errors.size * np.einsum("jkc,jc->jk", response.noise, variances)
+        noise = np.einsum("jkc,jc->jk", response.noise, variances)
         # Where one camera alone sees a joint, bones do more than to average its errors.
         shared = self._shared(state) * state.evidence.observed[0, state.joints]
         return in_graph.noise_m2(noise, components.axes[state.joints], shared)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -28,13 +29,61 @@ from fgpose.estimation.covariances.variance_components import (
     size_in_stretch,
 )
 from fgpose.estimation.evidence.evidence import Evidence
-from fgpose.estimation.noise import MEMORY_S, SAME_S, sizes_over_time
+from fgpose.estimation.noise import LEAST_OF_STRETCH, MEMORY_S, SAME_S, sizes_over_time
+from fgpose.estimation.process_noise import NEARBY_S
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 
 _EVERY_S, _OF_ALL = 0.5, 0.25  # fits take a few milliseconds, and errors change slowly once something is known
 _OTHERS_EVERY_S = 0.1  # neighbouring frames tell the same of cameras and of the correlation between joints
 _LEAST_MOMENT_M2 = 1e-8  # a tenth of a millimetre
+
+
+class RunningSizes:
+    """How large errors are lately, in the variance of all: in stretches of SAME_S; see sizes_over_time."""
+
+    def __init__(self) -> None:
+        self.size = 1.0
+        """As the last stretch says that is over."""
+        self._stretch, self._in_stretch_s = list[Float[np.ndarray, "2 joint"]](), 0.0  # products, dimensions
+        self._stretches: deque[_Stretch] = deque(maxlen=int(MEMORY_S / SAME_S))
+
+    def add(self, products: Float[np.ndarray, "2 joint"], step_s: float) -> None:
+        """Of the next frame: its squared errors and their dimensions."""
+        self._stretch.append(products)
+        self._in_stretch_s += step_s
+        if self._in_stretch_s >= SAME_S:
+            found, measurements = size_in_stretch(*np.stack(self._stretch, axis=1))
+            single = np.array([size_in_stretch(*frame[:, None]) for frame in self._stretch])
+            single = single[(single > 0).all(axis=1) & (found > 0)]
+            by_chance = np.mean(np.log(single[:, 0] / found) ** 2 * single[:, 1]) if len(single) else np.nan
+            self._stretches.append(_Stretch(found, measurements, float(by_chance), measurements / len(self._stretch)))
+            known = np.array([(each.found, each.measurements) for each in self._stretches])
+            self.size = float(sizes_over_time(*known.T)[-1])
+            self._stretch, self._in_stretch_s = [], 0.0
+
+    def of_frame(self, found: float, measurements: float) -> float:
+        """As lately, or larger, as far as a frame by itself differs by more than single ones do by chance."""
+        told = [each for each in self._stretches if np.isfinite(each.by_chance)]
+        if not told or not found > 0 or measurements <= LEAST_OF_STRETCH * np.median([each.in_frame for each in told]):
+            return self.size
+        weights = [each.measurements for each in told]
+        usual = self.size * np.average([each.found for each in told], weights=weights)
+        chance = np.average([each.by_chance for each in told], weights=weights) / measurements
+        off = max(float(np.log(found / usual)), 0.0)
+        real = max(off**2 - chance, 0.0)
+        return float(self.size * np.exp(off * real / max(real + chance, 1e-12)))
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    found: float
+    """Usual squared error."""
+    measurements: float
+    by_chance: float
+    """Variance of the logarithm of what a single frame finds, times its measurements."""
+    in_frame: float
+    """Measurements of a single frame."""
 
 
 class RunningErrors:
@@ -46,14 +95,12 @@ class RunningErrors:
     """Learned so far, without what the move of a camera explains."""
     moments_m2: Float[np.ndarray, "camera 6 6"]
     """Of the moves of the cameras, learned so far; see MoveSums."""
-    size: float
-    """Variance of the errors lately, in that of the components; see sizes_over_time."""
 
     def __init__(self, n_cameras: int, joints: Sequence[str]) -> None:
         importlib.import_module("scipy.optimize")  # takes 0.2 s: the first fit would stop for it
         self._joints, n_joints = joints, len(joints)
         self.components = ErrorComponents.usual(joints)
-        self.moments_m2, self.size = np.zeros((n_cameras, 6, 6)), 1.0
+        self.moments_m2 = np.zeros((n_cameras, 6, 6))
         self._parities: deque[Parity] = deque()
         self._lags = np.zeros(1, dtype=int)
         self._sums = np.zeros((0, 2, 2, n_joints))  # by lag; of accepted detections and of all; products, dimensions
@@ -62,9 +109,8 @@ class RunningErrors:
         self._moves = MoveSums(np.zeros((n_cameras, 6, 6)), np.zeros((n_cameras, 6)))
         self._moved = self._moves.most_likely()
         self._n_frames, self._step_s, self._since_s, self._since_others_s = 0.0, 0.0, 0.0, np.inf
-        self._within, self._around = 0.0, 0.0
-        self._stretch, self._in_stretch_s = list[Float[np.ndarray, "2 joint"]](), 0.0  # products, dimensions
-        self._stretches: deque[tuple[float, float]] = deque(maxlen=int(MEMORY_S / SAME_S))
+        self._within, self._around, self._variance_m2 = 0.0, 0.0, np.nan
+        self._sizes = RunningSizes()
 
     def add(
         self,
@@ -87,12 +133,16 @@ class RunningErrors:
             self._moved = self._moves.most_likely()
         residual = without_move(residual, jacobian, positions_m[None], self._moved, rig)
         telling = TellingDetections.of(residual, jacobian, evidence.weights)
+        if np.isfinite(variance_m2 := _variance_m2(evidence, positions_m, rig)):
+            lately = float(np.exp(-step_s / NEARBY_S)) if np.isfinite(self._variance_m2) else 0.0
+            self._variance_m2 = lately * np.nan_to_num(self._variance_m2) + (1 - lately) * variance_m2
         keep = float(np.exp(-step_s / MEMORY_S))
         self._within, self._around = keep * self._within + telling.within, keep * self._around + telling.around
         self._step_s = step_s if self._n_frames == 0 else keep * self._step_s + (1 - keep) * step_s
         self._n_frames = keep * self._n_frames + 1
         self._add_later(Parity.joined(list(telling.parities)), keep)
-        self._end_stretch(step_s)
+        # Of all detections, with those of the same frame.
+        self._sizes.add(np.stack(products_later(telling.parities[1], telling.parities[1]))[:, 0], step_s)
         if tells_others:
             memory = float(np.exp(-self._since_others_s / MEMORY_S))
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
@@ -113,13 +163,15 @@ class RunningErrors:
         joints = JointMoves.of(jacobian, accepted(jacobian, evidence.weights), positions_m[None], rig)
         return evidence.bias_share[0, :, None, None] * joints.covariance_m2(self.moments_m2, slice(None))[0]
 
-    def _end_stretch(self, step_s: float) -> None:
-        """If it is as long as errors are taken for equally large."""
-        self._in_stretch_s += step_s
-        if self._in_stretch_s >= SAME_S:
-            self._stretches.append(size_in_stretch(*np.stack(self._stretch, axis=1)))
-            self.size = float(sizes_over_time(*np.array(self._stretches).T)[-1])
-            self._stretch, self._in_stretch_s = [], 0.0
+    def size_in(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> float:
+        """Variance of the errors in a frame, in that of the components: what is learned of it comes a lag and half a
+        second later, and if errors grow its own views show it."""
+        residual, jacobian = whitened(evidence, positions_m, rig)
+        residual = without_move(residual, jacobian, positions_m[None], self._moved, rig)
+        _, of_all = TellingDetections.of(residual, jacobian, evidence.weights).parities
+        found, measurements = size_in_stretch(*products_later(of_all, of_all))
+        # In the variances that the graph has taken lately: what is learned is in these.
+        return self._sizes.of_frame(found * _variance_m2(evidence, positions_m, rig) / self._variance_m2, measurements)
 
     def _add_later(self, parity: Parity, keep: float) -> None:
         """Products with the frames before; the lags are by the step of the first."""
@@ -132,7 +184,6 @@ class RunningErrors:
         newest = Parity.joined([parity] * int(there.sum()))
         # By lag and kind of detections, then products and dimensions.
         products = np.stack(products_later(earlier, newest), axis=1).reshape(-1, 2, 2, len(self._joints))
-        self._stretch.append(products[0, 1])  # of all detections, with those of the same frame
         self._sums = keep * self._sums
         self._sums[there] += products
         while len(self._parities) > self._lags[-1]:
@@ -148,6 +199,13 @@ class RunningErrors:
         self.components = ErrorComponents.of(found, self._lags * self._step_s, self._step_s, self._joints)
         independent = self.components.independent(MOVE_MEMORY_S, self._step_s) * _OTHERS_EVERY_S / self._step_s
         self.moments_m2, self._since_s = self._moves.moments(independent), 0.0
+
+
+def _variance_m2(evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> float:
+    """That the graph takes visible detections of a frame to have at the joints, the median; NaN: there are none."""
+    sigma_m = evidence.sigma_px / rig.px_per_m(positions_m[None])
+    told = evidence.detected & np.isfinite(sigma_m)
+    return float(np.median(sigma_m[told] ** 2)) if told.any() else np.nan
 
 
 def whitened(
