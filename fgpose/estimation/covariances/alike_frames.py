@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-AVERAGED_S = 1.0
+AVERAGED_S = 0.3
+"""About as long as the graph averages. Where a joint is first seen, or last, it averages less, which a second of frames
+around would hide; of less, more samples are drawn."""
 # Other frames count as so many: of the few that are alike, few samples are drawn.
 _OTHERS = 5.0
 
