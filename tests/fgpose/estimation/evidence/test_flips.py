@@ -146,6 +146,19 @@ def test_the_smoothed_motion_is_unharmed(blazepose):
     assert np.nanmax(moved_m(spoilt)) < 1e-9
 
 
+@pytest.mark.parametrize("exchanged", [slice(0, 20), slice(40, 60)], ids=["at first", "in the middle"])
+@pytest.mark.parametrize("cameras", [(0, 1, 2, 3), (0, 1, 2)])
+def test_all_views_that_are_exchanged_at_once(exchanged: slice, cameras, recording):
+    """No view contradicts another; but nobody changes sides from one image to the next."""
+    rig, original = recording
+    names = [rig.names[camera] for camera in cameras]
+    rig, original = rig.subset(names), original.subset(names)
+    views = np.zeros((original.n_frames, len(names)), dtype=bool)
+    views[exchanged] = True
+    found = flipped_views(with_sides_exchanged(original, views), rig)
+    np.testing.assert_array_equal(found, views)
+
+
 @pytest.mark.parametrize("cameras", [(0, 1), (0, 2), (1, 3)])
 def test_with_two_cameras_time_tells_which_one_is_flipped(recording, cameras):
     rig, observations = pair_of(recording, *cameras)
