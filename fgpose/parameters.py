@@ -265,8 +265,9 @@ class TrackingConfig:
     """How many people who do not exist may be reported in an hour. Raising it reports newcomers sooner, and more often
     views that agree by chance."""
     coast_s: float = 1.0
-    """Somebody whom no camera detects is predicted for this long, then taken to have left, seconds; one person as
-    several. Raising it bridges longer occlusions and reports people who have left for longer."""
+    """Somebody whom no camera detects is predicted for this long, then taken to have left, seconds; sooner if cameras
+    that should see them show nobody there. Raising it bridges longer occlusions and reports people who have left for
+    longer."""
     forget_s: float = 600.0
     """Somebody who is lost may be recognised for this long, seconds."""
     max_processes: int = 4

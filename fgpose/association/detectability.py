@@ -73,10 +73,26 @@ class Blind:
     def __init__(self, camera_names: Sequence[str]) -> None:
         self._log_odds = dict.fromkeys(camera_names, float(np.log(_BLIND / (1 - _BLIND))))
         self._told_s = dict.fromkeys(camera_names, -np.inf)
+        self._shows = dict.fromkeys(camera_names, True)
 
     def sees(self, camera_names: Sequence[str]) -> Float[np.ndarray, " camera"]:
         """Probability that each of these is not blind."""
         return 1 / (1 + np.exp(np.array([self._log_odds[name] for name in camera_names])))
+
+    def log_missed(
+        self, camera_names: Sequence[str], probability: Float[np.ndarray, "body camera"], n_people: int
+    ) -> Float[np.ndarray, "body camera"]:
+        """Log probability that an image of each of these does not show a body that is there. Where no camera shows any
+        of several people, all detectors have stopped, or what feeds them, rather than that all have left at once.
+
+        Args:
+            camera_names: of the images.
+            probability: as for learn.
+            n_people: how many are followed.
+        """
+        if n_people > 1 and not any(self._shows.values()):
+            return np.zeros_like(probability)
+        return np.asarray(np.log1p(-self.sees(camera_names) * probability))
 
     def learn(
         self,
@@ -92,6 +108,7 @@ class Blind:
             probability: of a detection of each body in each image, if the camera is not blind.
             shown: whether the image shows the body; a body on which fewer than two cameras agree tells nothing.
         """
+        self._shows |= dict(zip(camera_names, shown.any(axis=0).tolist(), strict=True))
         if not shown.any():
             return
         # Of several bodies one tells, for a camera that misses one of them is not blind if it shows another.

@@ -206,7 +206,7 @@ class Follower:
     def _score(self, people: PoseFilters, matches: Matches, moment: Moment) -> None:
         probability = detection_probability(people, people, moment.cameras)
         self._blind.learn(moment.cameras.names, moment.times_s, probability, matches.chosen.T != NOBODY)
-        missed = np.log1p(-self._blind.sees(moment.cameras.names) * probability)
+        missed = self._blind.log_missed(moment.cameras.names, probability, sum(t.is_confirmed for t in self.tracks))
         shows = matches.chosen != NOBODY
         gain = np.where(shows, np.minimum(matches.gain, MAX_GAIN), missed.T)
         for k, track in enumerate(self.tracks):

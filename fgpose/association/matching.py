@@ -211,9 +211,22 @@ def match(
     hand_over(detection, joint, chosen, likelihood.probability, sides > 0, mirror)
     taken = np.zeros((n_cameras, n_detections), dtype=bool)
     taken[camera, own] = True
-    fits_somebody = (likelihood.fits & (chosen != NOBODY)[..., None]).any(axis=1)
+    fits = likelihood.fits | _is_other_half(likelihood, chosen)
+    fits_somebody = (fits & (chosen != NOBODY)[..., None]).any(axis=1)
     gain = _gain(likelihood.score, chosen, score)
     return Matches(chosen, detection, joint, score, gain, ~taken & fits_somebody, of_chosen)
+
+
+def _is_other_half(
+    likelihood: Likelihood, chosen: Int[np.ndarray, "camera person"]
+) -> Bool[np.ndarray, "camera person detection"]:
+    """Of a body that a detector has split: what is rather of the person, and has no joint that is in the chosen one."""
+    if not likelihood.score.size:
+        return np.zeros(likelihood.score.shape, dtype=bool)
+    known = np.asarray(np.isfinite(likelihood.log_ratio).any(axis=1))
+    of_chosen = np.take_along_axis(known, np.maximum(chosen, 0)[..., None], axis=1)
+    shares = (of_chosen[:, :, None] & known[:, None]).any(axis=-1)
+    return np.asarray(~shares & (likelihood.score > 0))
 
 
 def _assigned(

@@ -98,6 +98,18 @@ def test_who_is_hidden_for_a_moment_coasts(follower: Follower, rig: CameraRig, s
     assert states[-1] is TrackState.CONFIRMED
 
 
+def test_detectors_that_all_stop_lose_nobody(follower: Follower, rig: CameraRig, skeleton: Skeleton) -> None:
+    """For 0.6 s; two people half a metre apart were lost after 0.2 s, and came back as each other or as others."""
+    people_m, shown = [body_m(skeleton, (0.0, -0.25)), body_m(skeleton, (0.0, 0.25))], set()
+    for frame in range(100):
+        is_stopped = 60 <= frame < 78
+        follower.see([image(rig, c, frame / FPS, [] if is_stopped else people_m) for c in range(rig.n_cameras)])
+        if frame >= 60:
+            shown.add(tuple(sorted(track.number for track in follower.tracks)))
+    assert what_happened(follower) == ["confirmed", "confirmed"]
+    assert len(shown) == 1
+
+
 def scene_of_a_return(skeleton: Skeleton, away_m: np.ndarray, back_m: np.ndarray, n_away_s: float = 5.0) -> Scene:
     """Two people; the first leaves after 3 s and somebody comes after n_away_s."""
     stays_m = body_m(skeleton, THERE_M)

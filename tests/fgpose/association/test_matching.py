@@ -90,6 +90,17 @@ def test_a_second_detection_of_somebody_is_not_free() -> None:
     np.testing.assert_array_equal(matches.is_free, [[False, True, False]])
 
 
+def test_the_other_half_of_a_body_that_is_split_is_not_free() -> None:
+    """With two joints of somebody else in it: not nearly all of it fits."""
+    log_ratio = np.full((1, 1, 3, 12), np.nan)
+    log_ratio[0, 0, 0, :6], log_ratio[0, 0, 1, 6:], log_ratio[0, 0, 2] = FITS, FITS - 1, DOES_NOT
+    log_ratio[0, 0, 1, 10:] = DOES_NOT
+    matches = match(Likelihood(log_ratio), np.zeros((1, 1, 3), dtype=int), np.ones(1), np.arange(12))
+    np.testing.assert_array_equal(matches.chosen, [[0]])
+    np.testing.assert_array_equal(matches.is_double, [[False, True, False]])
+    np.testing.assert_array_equal(matches.is_free, [[False, False, True]])
+
+
 def test_a_joint_that_fits_another_is_theirs() -> None:
     """The wrist of the second person, in the detection of the first; their own was not detected."""
     log_ratio = grouped(2)
