@@ -108,12 +108,12 @@ class Blind:
             probability: of a detection of each body in each image, if the camera is not blind.
             shown: whether the image shows the body; a body on which fewer than two cameras agree tells nothing.
         """
-        self._shows |= dict(zip(camera_names, shown.any(axis=0).tolist(), strict=True))
-        if not shown.any():
+        hit = np.asarray(shown.any(axis=0))
+        self._shows |= dict(zip(camera_names, hit.tolist(), strict=True))
+        if not hit.any():
             return
         # Of several bodies one tells, for a camera that misses one of them is not blind if it shows another.
         agreed = shown.sum(axis=1) >= 2
-        hit = np.asarray(shown.any(axis=0))
         missed = np.where((agreed[:, None] & ~shown), probability, 0.0).max(axis=0)
         for name, time_s, is_hit, share in zip(camera_names, times_s.tolist(), hit, missed.tolist(), strict=True):
             if not is_hit and not share:
