@@ -15,7 +15,12 @@ from fgpose.estimation.covariances.filter_response import FilterResponse, filter
 from fgpose.estimation.covariances.joints_alone import Directions, InGraph
 from fgpose.estimation.covariances.other_side import may_have_crossed, off_across, other_side_m2, sole_rays
 from fgpose.estimation.covariances.roughness import NewestPose, RunningRoughness
-from fgpose.estimation.covariances.running_errors import RunningErrors, information_by_axis, whitened
+from fgpose.estimation.covariances.running_errors import (
+    RunningErrors,
+    WhitenedViews,
+    information_by_axis,
+    whitened,
+)
 from fgpose.estimation.covariances.uncertainty import LEAST_FACTOR, distrust_factor_online, with_swing
 from fgpose.estimation.covariances.variance_components import LONGEST_STEP_S, TIMES_S
 from fgpose.estimation.factors.projection import detection_information
@@ -75,12 +80,12 @@ class OnlineCovariances:
             step_s: usual time from frame to frame.
             rig: the cameras.
         """
-        linear_m2 = surely_positive(linear_m2)
-        directions, newest, _, difference = self._responses(state, linear_m2, step_s, rig)
+        linear_m2, views = surely_positive(linear_m2), whitened(state.evidence, state.positions_m, rig)
+        directions, newest, _, difference = self._responses(state, linear_m2, views, step_s, rig)
         in_graph = InGraph.of(directions, newest.steady, linear_m2)
         if self.roughness.is_wanted(state.at.frame, state.at.time_s):
             self.roughness.note(state.at.frame, state.at.time_s, self._newest_pose(state, in_graph, difference))
-        return self._covariance_m2(state, linear_m2, in_graph, newest, unseen_s, rig)
+        return self._covariance_m2(state, linear_m2, views, in_graph, newest, unseen_s, rig)
 
     def _newest_pose(self, state: FrameState, in_graph: InGraph, difference: FilterResponse) -> NewestPose:
         """With its difference from the lagged one."""
@@ -99,13 +104,18 @@ class OnlineCovariances:
         rig: CameraRig,
     ) -> Float[np.ndarray, "joint 3 3"]:
         """The same of a frame of which the next ones are known."""
-        linear_m2 = surely_positive(linear_m2)
-        directions, _, smoothed, _ = self._responses(state, linear_m2, step_s, rig)
+        linear_m2, views = surely_positive(linear_m2), whitened(state.evidence, state.positions_m, rig)
+        directions, _, smoothed, _ = self._responses(state, linear_m2, views, step_s, rig)
         in_graph = InGraph.of(directions, smoothed.steady, linear_m2)
-        return self._covariance_m2(state, linear_m2, in_graph, smoothed, unseen_s, rig)
+        return self._covariance_m2(state, linear_m2, views, in_graph, smoothed, unseen_s, rig)
 
     def _responses(
-        self, state: FrameState, linear_m2: Float[np.ndarray, "active_joint 3 3"], step_s: float, rig: CameraRig
+        self,
+        state: FrameState,
+        linear_m2: Float[np.ndarray, "active_joint 3 3"],
+        views: WhitenedViews,
+        step_s: float,
+        rig: CameraRig,
     ) -> tuple[Directions, FilterResponse, FilterResponse, FilterResponse]:
         """Of the newest pose, the smoothed one and their difference, along each direction, to errors as large as in
         this frame; at first, when a frame alone tells more than in a steady state, as if motion were that fast."""
@@ -121,7 +131,7 @@ class OnlineCovariances:
         at_first_m2 = index_of_gain(gain) ** 2 / directions.information.mean(axis=-1)
         index = np.sqrt(np.maximum(added_m2, at_first_m2)[:, None] * directions.information)
         responses = filter_responses(index, step_s, TIMES_S, model, self._shared(state)[:, None])
-        size = self.errors.size_in(state.evidence, state.positions_m, rig)
+        size = self.errors.size_in(state.evidence, state.positions_m, views, rig)
         newest, smoothed, difference = (replace(each, noise=size * each.noise) for each in responses)
         return directions, newest, smoothed, difference
 
@@ -146,6 +156,7 @@ class OnlineCovariances:
         self,
         state: FrameState,
         linear_m2: Float[np.ndarray, "active_joint 3 3"],
+        views: WhitenedViews,
         in_graph: InGraph,
         response: FilterResponse,
         unseen_s: Float[np.ndarray, " joint"],
@@ -159,7 +170,7 @@ class OnlineCovariances:
             found_m2 += LEAST_FACTOR * linear_m2
             distrust = distrust_factor_online(_probable_weight(state), state.gathered.total_weight[0])[state.joints]
             covariance_m2[state.joints] = distrust[:, None, None] * found_m2
-            covariance_m2 += self.errors.of_cameras_m2(evidence, state.positions_m, rig)
+            covariance_m2 += self.errors.of_cameras_m2(evidence, state.positions_m, views[1], rig)
         covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]
         lasting = self.errors.components.lasting
         widened_m2 = widened(covariance_m2, evidence, positions_m, lasting, rig, skeleton)

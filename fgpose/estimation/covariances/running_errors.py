@@ -37,6 +37,8 @@ from fgpose.geometry.reprojection import linearized_projection
 _EVERY_S, _OF_ALL = 0.5, 0.25  # fits take a few milliseconds, and errors change slowly once something is known
 _OTHERS_EVERY_S = 0.1  # neighbouring frames tell the same of cameras and of the correlation between joints
 _LEAST_MOMENT_M2 = 1e-8  # a tenth of a millimetre
+WhitenedViews = tuple[Float[np.ndarray, "1 camera joint 2"], Float[np.ndarray, "1 camera joint 2 3"]]
+"""See whitened."""
 
 
 class RunningSizes:
@@ -116,7 +118,7 @@ class RunningErrors:
         self,
         evidence: Evidence,
         positions_m: Float[np.ndarray, "joint 3"],
-        views: tuple[Float[np.ndarray, "1 camera joint 2"], Float[np.ndarray, "1 camera joint 2 3"]],
+        views: WhitenedViews,
         step_s: float,
         rig: CameraRig,
     ) -> None:
@@ -140,9 +142,7 @@ class RunningErrors:
         self._within, self._around = keep * self._within + telling.within, keep * self._around + telling.around
         self._step_s = step_s if self._n_frames == 0 else keep * self._step_s + (1 - keep) * step_s
         self._n_frames = keep * self._n_frames + 1
-        self._add_later(Parity.joined(list(telling.parities)), keep)
-        # Of all detections, with those of the same frame.
-        self._sizes.add(np.stack(products_later(telling.parities[1], telling.parities[1]))[:, 0], step_s)
+        self._sizes.add(self._add_later(Parity.joined(list(telling.parities)), keep), step_s)
         if tells_others:
             memory = float(np.exp(-self._since_others_s / MEMORY_S))
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
@@ -154,27 +154,33 @@ class RunningErrors:
             self._fit()
 
     def of_cameras_m2(
-        self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
+        self,
+        evidence: Evidence,
+        positions_m: Float[np.ndarray, "joint 3"],
+        jacobian: Float[np.ndarray, "1 camera joint 2 3"],
+        rig: CameraRig,
     ) -> Float[np.ndarray, "joint 3 3"]:
-        """Covariance of the joints of a frame because a camera may have moved."""
+        """Covariance of the joints of a frame because a camera may have moved; see whitened."""
         if np.trace(self.moments_m2, axis1=-2, axis2=-1).max() < _LEAST_MOMENT_M2:
             return np.zeros((len(self._joints), 3, 3))
-        _, jacobian = whitened(evidence, positions_m, rig)
         joints = JointMoves.of(jacobian, accepted(jacobian, evidence.weights), positions_m[None], rig)
         return evidence.bias_share[0, :, None, None] * joints.covariance_m2(self.moments_m2, slice(None))[0]
 
-    def size_in(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> float:
+    def size_in(
+        self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], views: WhitenedViews, rig: CameraRig
+    ) -> float:
         """Variance of the errors in a frame, in that of the components: what is learned of it comes a lag and half a
         second later, and if errors grow its own views show it."""
-        residual, jacobian = whitened(evidence, positions_m, rig)
+        residual, jacobian = views
         residual = without_move(residual, jacobian, positions_m[None], self._moved, rig)
         _, of_all = TellingDetections.of(residual, jacobian, evidence.weights).parities
         found, measurements = size_in_stretch(*products_later(of_all, of_all))
         # In the variances that the graph has taken lately: what is learned is in these.
         return self._sizes.of_frame(found * _variance_m2(evidence, positions_m, rig) / self._variance_m2, measurements)
 
-    def _add_later(self, parity: Parity, keep: float) -> None:
-        """Products with the frames before; the lags are by the step of the first."""
+    def _add_later(self, parity: Parity, keep: float) -> Float[np.ndarray, "2 joint"]:
+        """Products with the frames before; the lags are by the step of the first. Those of all detections with those of
+        the same frame."""
         if len(self._sums) == 0:
             self._lags = lags_of(MOST_FRAMES, max(self._step_s, 1.0 / MOST_FRAMES))
             self._sums = np.zeros((len(self._lags), 2, 2, len(self._joints)))
@@ -188,6 +194,7 @@ class RunningErrors:
         self._sums[there] += products
         while len(self._parities) > self._lags[-1]:
             self._parities.pop()
+        return products[0, 1]
 
     def _fit(self) -> None:
         share = share_of_visible(self._within, self._around)
@@ -208,9 +215,7 @@ def _variance_m2(evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], 
     return float(np.median(sigma_m[told] ** 2)) if told.any() else np.nan
 
 
-def whitened(
-    evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
-) -> tuple[Float[np.ndarray, "1 camera joint 2"], Float[np.ndarray, "1 camera joint 2 3"]]:
+def whitened(evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> WhitenedViews:
     """Residuals against the detections, biases included, and their Jacobians, in standard deviations."""
     residual_px, jacobian, seen = linearized_projection(evidence.measured_px, rig, positions_m[None])
     sigma_px = np.where(seen, evidence.detection_sigma_px, 1.0)[..., None]
