@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -129,8 +129,9 @@ def _sigma_rad(trajectory: Trajectory, joints: dict[str, tuple[int, ...]]) -> di
     for part in parts_of(trajectory.n_frames, _AT_ONCE):
         positions_m, covariance_m2 = trajectory.positions_m[part], trajectory.covariance_m2[part].astype(float)
         gradient_rad: dict[str, np.ndarray] = {}
-        for slot in np.searchsorted(errors.joints, used).tolist():
-            for name, effect in _effects(positions_m, covariance_m2, joints, int(errors.joints[slot])).items():
+        slots = np.searchsorted(errors.joints, used).tolist()
+        for slot, effects in zip(slots, _effects(positions_m, covariance_m2, joints, used), strict=True):
+            for name, effect in effects.items():
                 of_all = gradient_rad.setdefault(name, np.zeros((len(positions_m), len(errors.joints), 3)))
                 of_all[:, slot] = effect.gradient_rad
                 sigma_rad[name][part] += effect.curved_rad2
@@ -146,18 +147,19 @@ def _effects(
     positions_m: Float[np.ndarray, "frame joint 3"],
     covariance_m2: Float[np.ndarray, "frame joint 3 3"],
     joints: dict[str, tuple[int, ...]],
-    joint: int,
-) -> dict[str, Effect]:
-    """Of the error of a joint on every angle that depends on it."""
+    used: Sequence[int],
+) -> Iterator[dict[str, Effect]]:
+    """Of the errors of these joints, one by one, on every angle that depends on them."""
     points = points_of(positions_m, joints)
-    moved = {name: indices for name, indices in joints.items() if joint in indices}
+    for joint in used:
+        moved = {name: indices for name, indices in joints.items() if joint in indices}
 
-    def angles_rad(position_m: np.ndarray) -> dict[str, Float[np.ndarray, " frame"]]:
-        change_m = position_m - positions_m[:, joint]
-        around = points | {name: points[name] + change_m / len(indices) for name, indices in moved.items()}
-        return {name: angle for name, (angle, _) in angles_of(around, moved).items()}
+        def angles_rad(position_m: np.ndarray, joint=joint, moved=moved) -> dict[str, Float[np.ndarray, " frame"]]:
+            change_m = position_m - positions_m[:, joint]
+            around = points | {name: points[name] + change_m / len(indices) for name, indices in moved.items()}
+            return {name: angle for name, (angle, _) in angles_of(around, moved).items()}
 
-    return effects_on(angles_rad, positions_m[:, joint], covariance_m2[:, joint])
+        yield effects_on(angles_rad, positions_m[:, joint], covariance_m2[:, joint])
 
 
 def angles_deg(
