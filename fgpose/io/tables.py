@@ -46,6 +46,10 @@ class Column(NamedTuple):
     """Of an array."""
 
 
+TIME_S = Column("time_s", "s", "time of the frame")
+FRAME = Column("frame", "", "number of the frame, as in the result")
+
+
 def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
     """The table of a parquet file: all columns, or those of the ones named that it has.
 

@@ -17,6 +17,8 @@ from fgpose.io.content import first_bytes
 from fgpose.io.names import own_paths
 from fgpose.io.origin import Origin, origin_to_json
 from fgpose.io.tables import (
+    FRAME,
+    TIME_S,
     Column,
     file_metadata,
     metadata,
@@ -52,8 +54,8 @@ _HEAD_BYTES = 4 << 20  # the parameters of a C3D are in these
 _Quantities = tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], Float[np.ndarray, "frame quantity"]]
 """Kinds, names, values and standard deviations."""
 KINEMATICS = (
-    Column("time_s", "s", "time of the frame"),
-    Column("frame", "", "number of the frame, as in the result"),
+    TIME_S,
+    FRAME,
     Column("person", "", "number of the person"),
     Column("kind", "", "`angle`, `speed` or `height`"),
     Column("name", "", "the [angle](../angles.md), or the joint; `centre`: the root of the body"),

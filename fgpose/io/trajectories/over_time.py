@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from fgpose.io.tables import Column, nullable
+from fgpose.io.tables import FRAME, TIME_S, Column, nullable
 from fgpose.io.trajectories.kinematics import quantities_table
 from fgpose.io.trajectories.result_table import AXES, numbered, result_tables
 from fgpose.kinematics.quantities import Quantities
@@ -15,8 +15,8 @@ from fgpose.trajectory import Trajectory
 if TYPE_CHECKING:
     import pyarrow as pa
 WIDE_RESULT = (
-    Column("frame", "", "number of the frame, as in the result"),
-    Column("time_s", "s", "time of the frame"),
+    FRAME,
+    TIME_S,
     Column("<joint>_x_m <joint>_y_m <joint>_z_m", "m", "position"),
     Column(
         "<joint>_sigma_x_m <joint>_sigma_y_m <joint>_sigma_z_m",
@@ -25,14 +25,14 @@ WIDE_RESULT = (
     ),
 )
 WIDE_ANGLES = (
-    Column("frame", "", "number of the frame, as in the result"),
-    Column("time_s", "s", "time of the frame"),
+    FRAME,
+    TIME_S,
     Column("<angle>_deg", "deg", "the angle"),
     Column("<angle>_sigma_deg", "deg", "its standard deviation"),
 )
 WIDE_SPEEDS = (
-    Column("frame", "", "number of the frame, as in the result"),
-    Column("time_s", "s", "time of the frame"),
+    FRAME,
+    TIME_S,
     Column(
         "<joint>_speed_m_s",
         "m/s",
