@@ -40,15 +40,11 @@ class Clipped:
 
     def _unjudged(self, person: int, trajectory: Trajectory) -> Trajectory:
         """What is left out contradicts nothing, and is at no other joint."""
-        clipped = self.of.get(person)
-        if clipped is None or trajectory.residual_px is None or trajectory.visibility is None:
+        clipped, residual_px, visibility = self.of.get(person), trajectory.residual_px, trajectory.visibility
+        if clipped is None or residual_px is None or visibility is None or clipped.shape != visibility.shape:
             return trajectory
-        if clipped.shape != trajectory.visibility.shape:
-            return trajectory
-        residual_px, visibility = (
-            np.where(clipped, np.nan, of) for of in (trajectory.residual_px, trajectory.visibility)
-        )
-        return replace(trajectory, residual_px=residual_px, visibility=visibility)
+        unknown_px, unknown = (np.where(clipped, np.nan, of) for of in (residual_px, visibility))
+        return replace(trajectory, residual_px=unknown_px, visibility=unknown)
 
     def findings(self, examined: Examined) -> list[Finding]:
         n_seen = sum(own.seen.sum(axis=(0, 2)) for own in examined.people.values())

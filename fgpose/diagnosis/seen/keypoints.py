@@ -79,6 +79,7 @@ def _doubted(observations: Observations) -> list[Finding]:
     doubted = [joint for joint, of, n in zip(skeleton.joints, doubt, n_seen, strict=True) if n and of > _DOUBTED]
     if not doubted:
         return []
+    most = float(doubt[n_seen > 0].max())
     return [
         Finding(
             Code.LOW_CONFIDENCE,
@@ -86,8 +87,8 @@ def _doubted(observations: Observations) -> list[Finding]:
             f"The network is less sure of {in_words_by_part(skeleton, doubted)} than of other joints, or than at other "
             "times, and may guess them in all views: their covariances contain that, however well the views agree",
             "If they are seen, give confidences that mean the same for all joints, or none.",
-            0.2 * float(doubt[n_seen > 0].max()),
-            numbers={"doubt": float(doubt[n_seen > 0].max())},
+            0.2 * most,
+            numbers={"doubt": most},
         )
     ]
 

@@ -99,12 +99,9 @@ class FollowedViews:
         if is_tie:
             trusted = follows
         if (follows & ~trusted).any() or (self.gone_over & shows).any():
+            known_m = triangulate_robust(points_px, confidence, rig).positions_m
             # Whom most views show together, with those among them that had gone over, is the person.
-            together_m = triangulate_robust(points_px, confidence, rig).positions_m
-            off = _OFF if is_tie else 1 - _NEARLY_ALL
-            if _is_majority(points_px, together_m, shows, rig, off):
-                known_m = together_m
-            else:
+            if not _is_majority(points_px, known_m, shows, rig, _OFF if is_tie else 1 - _NEARLY_ALL):
                 now_px = np.where(shows[:, None, None], points_px, line_px)
                 known_m = self._located_m(np.where(trusted[:, None, None], now_px, np.nan), time_s, rig)
         body = self.body.seen(known_m, time_s)
