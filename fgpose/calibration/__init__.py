@@ -5,7 +5,8 @@
   known of the start of a video, Walk what was used of the recording, Parts what of the chain can be turned off.
 - With a board: find_boards in videos or images (a Board, which load_board reads from text or a file), which gives
   BoardSightings (LeftOut says what is not used), then calibrate_from_boards. It gives CalibratedFromBoards: the rig,
-  BoardSigmas, and the verdict. WorldOrigin says where the world is; save_board draws a board on a Sheet.
+  BoardSigmas, and the verdict. WorldOrigin says where the world is, and level_from_walker turns it level
+  from somebody who walks in it; save_board draws a board on a Sheet.
 - A rig that was calibrated, on the recording itself: refine_rig (RigRefinement) for the poses, estimate_time_offsets
   (TimeOffsets) for the clocks, self_calibrate (SelfCalibration) for both at once. Ending says why one was stopped.
 - A rig of which a camera was moved: refine_bumped (BumpedRig).
@@ -21,6 +22,7 @@ from fgpose.calibration.board.drawing import Sheet, save_board
 from fgpose.calibration.board.filmed import find_boards
 from fgpose.calibration.board.sightings import BoardSightings, LeftOut
 from fgpose.calibration.board.verdict.sigmas import BoardSigmas
+from fgpose.calibration.board.walker import level_from_walker
 from fgpose.calibration.board.world import WorldOrigin
 from fgpose.calibration.bumped import BumpedRig, refine_bumped
 from fgpose.calibration.from_people.calibrate import Parts, calibrate_from_people
@@ -64,6 +66,7 @@ __all__ = [
     "estimate_time_offsets",
     "find_boards",
     "guessed_intrinsics",
+    "level_from_walker",
     "load_board",
     "on_common_clock",
     "refine_bumped",

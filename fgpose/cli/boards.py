@@ -29,7 +29,8 @@ _BOARD = f"Calibrate with a board that is carried before the cameras, instead of
 _LENS = "Of --board: the model of the lenses. auto: pinhole, or fisheye where that explains the views clearly better."
 _ORIGIN = (
     "Of --board: where the world is. board: the board at the first moment, or at another with board@12.5, as it lies "
-    "on the floor. camera: the first camera. level: at the first camera, z up as far as the cameras stand level."
+    "on the floor. camera: the first camera. level: at the first camera, z up as far as the cameras stand level. "
+    "people: under the first camera, level from whoever walks in the images, with the board or without it."
 )
 _LENSES_ONLY = (
     "Of --board: the lens of each camera by itself, for --intrinsics of a calibration from people. The cameras need "
@@ -88,7 +89,7 @@ class BoardOptions:
 
     board: Annotated[str | None, arg(metavar="BOARD", help=_BOARD, help_behavior_hint="(default: none)")] = None
     lens: Annotated[Literal["auto", "pinhole", "fisheye"], arg(help=_LENS)] = "auto"
-    origin: Annotated[str, arg(metavar="board|camera|level", help=_ORIGIN)] = "board"
+    origin: Annotated[str, arg(metavar="board|camera|level|people", help=_ORIGIN)] = "board"
     lenses_only: Annotated[bool, FlagCreatePairsOff, arg(help=_LENSES_ONLY)] = False
     unsynchronised: Annotated[bool, FlagCreatePairsOff, arg(help=_UNSYNCHRONISED)] = False
 

@@ -11,9 +11,9 @@ from jaxtyping import Float
 from fgpose.calibration.board.sightings import BoardSightings
 from fgpose.geometry.rigid import inverse, pose_of
 
-OriginKind = Literal["board", "camera", "level"]
+OriginKind = Literal["board", "camera", "level", "people"]
 _MOST_APART_S = 0.5  # a board that lies on the floor lies there for longer
-_FORMS = "board, board@SECONDS, camera or level"
+_FORMS = "board, board@SECONDS, camera, level or people"
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class WorldOrigin:
 
 
 def parse_origin(text: str) -> WorldOrigin:
-    """From board, board@12.5, camera or level. Raises ValueError for anything else."""
+    """From board, board@12.5, camera, level or people. Raises ValueError for anything else."""
     kind, _, at = text.partition("@")
-    if kind not in ("board", "camera", "level") or (at and kind != "board") or text.endswith("@"):
+    if kind not in ("board", "camera", "level", "people") or (at and kind != "board") or text.endswith("@"):
         raise ValueError(f"the origin is {_FORMS}, got {text!r}")
     try:
         return WorldOrigin(kind, float(at) if at else None)
@@ -47,13 +47,14 @@ def world_T_first(
     - board: z out of the board, x along its rows, the origin at its first corner.
     - camera: the frame of the first camera, z forward.
     - level: z up as the cameras have it that stand level, the origin at the first camera, which looks along x.
+    - people: as level, until somebody was followed in it (level_from_walker).
 
     Raises:
         ValueError: the board is not used at the moment that is asked for.
     """
     if origin.kind == "camera":
         return np.eye(4), "The world is the frame of the first camera: x right, y down, z forward."
-    if origin.kind == "level":
+    if origin.kind in ("level", "people"):
         return _level(first_T_camera), (
             "The world is at the first camera, z up as far as the cameras stand level, x where the first one looks."
         )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from fgpose.calibration.bumped import BumpedRig
     from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
     from fgpose.geometry.camera import CameraRig
+    from fgpose.monocular.clips import Clip
     from fgpose.monocular.detected import Detected
     from fgpose.people_observations import PeopleObservations
 
@@ -163,11 +164,13 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
 
     @property
     def _says_of_people(self) -> bool:
-        given = (self.from_rig, self.height, self.distance, self.focal_px, self.sound, self.skeleton, self.size)
+        skeleton = None if self.origin == "people" else self.skeleton
+        given = (self.from_rig, self.height, self.distance, self.focal_px, self.sound, skeleton, self.size)
         return any(given) or self.focal != "auto"
 
     def _with_board(self) -> int:
         from fgpose.calibration.board.filmed import board_clips
+        from fgpose.calibration.board.walker import level_from_people
         from fgpose.calibration.from_people.calibrated import Grade
         from fgpose.pipeline import write_board_calibration, write_board_lenses
 
@@ -182,7 +185,11 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
             if not written:
                 say_not_written(self.output)
             return 0 if written else FAILED
+        detected = self._people_before(clips, new_console()) if self.origin == "people" else None
         result = self.calibrated_with_board(clips, self.intrinsics)
+        if detected is not None:
+            with new_console(stderr=True).status("following the walker"):
+                result = level_from_people(result, detected)
         display = partial(show_board_images, clips, result.start_s) if self.images else None
         written = write_board_calibration(result, self.output, self.format, self._scene, display)
         print_board_calibration(new_console(), result, written)
@@ -190,6 +197,16 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
             say_not_written(self.output)
             return FAILED
         return 0
+
+    def _people_before(self, clips: tuple[Clip, ...], console: Console) -> Detected:
+        """Who is in the images of the board. They are kept, and looked for first: if there is no network, no work is
+        lost."""
+        from fgpose.monocular.sources import Sources
+
+        if len(clips) < 2:
+            raise ValueError("--origin people needs two cameras: one does not tell where somebody walks")
+        lenses = self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips])
+        return self.detect_in(Sources(lenses, clips), self.frames, console)
 
     def _detected(self, console: Console) -> Detected:
         """What cameras without poses saw of people."""

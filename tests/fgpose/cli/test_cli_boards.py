@@ -12,12 +12,18 @@ from filmed_boards import FILMED, film, film_carried
 from rrd_contents import rows, static_values
 
 import fgpose
+from fgpose.assessment.rig_alignment import rig_similarity
 from fgpose.assessment.rigs import angle_deg
 from fgpose.cli import main
+from fgpose.cli.commands.detect import NetworkOptions
 from fgpose.io.calibration import load_calibration_origin, load_intrinsics, save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.made_by import made_by
 from fgpose.io.skeletons import load_skeleton
+from fgpose.monocular.detected import Detected
+from fgpose.monocular.detection_cache import ViewDetections
+from fgpose.monocular.network import People
+from fgpose.monocular.sources import Sources
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
 
 OF_BOARDS = "--lens, --origin, --unsynchronised and --lenses-only are of a calibration with --board"
@@ -166,13 +172,52 @@ def test_a_failed_calibration_writes_no_rig(
     assert path.with_suffix(".rrd").exists()
 
 
+def walked(true: fgpose.CameraRig, sources: Sources) -> Detected:
+    """What a network that errs by a pixel would see of somebody who walks through the images, who is not rendered."""
+    skeleton, rng = fgpose.load_skeleton("h36m_17"), np.random.default_rng(0)
+    views = []
+    for camera, clip in zip(true.cameras, sources.clips, strict=True):
+        stamps_s = clip.stamps_s()
+        pixels = camera.project(walking(len(stamps_s), clip.fps)) + rng.normal(0, 1, (len(stamps_s), 17, 2))
+        seen = [
+            People(
+                np.zeros((1, 5)),
+                px[None],
+                np.ones((1, 17)),
+                np.full((1, 17, 3), np.nan),
+                np.full((1, 17, 3, 3), np.nan),
+            )
+            for px in pixels
+        ]
+        views.append(ViewDetections.stacked(stamps_s.tolist(), seen, skeleton.n_joints, ended=True))
+    return Detected(sources, skeleton, tuple(views), 0)
+
+
+def test_level_from_somebody_who_walks(
+    filmed: tuple[Path, fgpose.CameraRig],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    folder, true = filmed
+    monkeypatch.setattr(NetworkOptions, "detect_in", lambda _, sources, frames, console: walked(true, sources))
+    path = tmp_path / "rig.toml"
+    options = ["--board", FILMED.text, "--origin", "people", "--fps", "5", "--no-rrd", "-o", str(path)]
+    assert main(["calibrate", str(folder), *options]) == 0
+    assert "The world is level as somebody walked" in " ".join(capsys.readouterr().out.split())
+    truth = rig_similarity(fgpose.load_rig(path), true, with_scale=False)
+    # Four seconds of two cameras whose lenses are good to a percent.
+    assert np.rad2deg(np.hypot(*truth.R[:2, 2])) < 2.0
+    assert abs(truth.of(np.zeros(3))[2]) < 0.1
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--board", "chessboard:9x6"], "does not have the parts of a chessboard board"),
         (["--board", "no/such.toml"], "no/such.toml"),
         (["--board", FILMED.text, "--height", "1.8"], "--board takes scale and lenses from the board"),
-        (["--board", FILMED.text, "--origin", "floor"], "the origin is board, board@SECONDS, camera or level"),
+        (["--board", FILMED.text, "--origin", "floor"], "the origin is board, board@SECONDS, camera, level or"),
         (["--board", FILMED.text, "--unsynchronised"], "camera ring_0: images have no times"),
         (
             ["--unsynchronised"],
@@ -188,6 +233,7 @@ def test_a_failed_calibration_writes_no_rig(
             OF_BOARDS,
         ),
         (["--board", FILMED.text, "--cameras", "ring_0", "ring_7"], "ring_7"),
+        (["--board", FILMED.text, "--cameras", "ring_0", "--origin", "people"], "--origin people needs two cameras"),
         (["--board", FILMED.text, "--intrinsics", "no/such.yml"], "no/such.yml"),
         # Said before the images are searched, where another would be "no image shows".
         (["--board", "chessboard:8x6:25mm"], "chessboard:8x6:25mm looks the same after half a turn"),

@@ -110,7 +110,7 @@ def gather(
         mirrored=unknown > 0 if points3d_m is None else mirrored_views(points3d_m, walk.skeleton),
         handedness=handedness(joints_m, walk.skeleton),
         upright=metric.vertical.upright,
-        camera_tilt_deg=_camera_tilt_deg(rig),
+        camera_tilt_deg=camera_tilt_deg(rig),
         duration_s=float((walk.shows_walker.sum(axis=1) >= 2).sum()) * walk.step_s,
         of_scale=metric.scale.findings,
         focal_check=focal_check,
@@ -150,6 +150,7 @@ def _distances_m(
     return np.array([np.median(np.linalg.norm(hips_m - camera.position_m, axis=-1)) for camera in rig.cameras])
 
 
-def _camera_tilt_deg(rig: CameraRig) -> float:
+def camera_tilt_deg(rig: CameraRig) -> float:
+    """Between the z axis of the world and the mean of what is up in the images."""
     up = -np.mean([camera.world_T_camera[:3, 1] for camera in rig.cameras], axis=0)
     return float(np.rad2deg(np.arctan2(np.linalg.norm(up[:2]), up[2])))

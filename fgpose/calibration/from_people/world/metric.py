@@ -109,7 +109,7 @@ def to_metric(
         scale = whose_stature(scale, cues[0].sigma, walk, beside)
     if not distances:
         scale = replace(scale, findings=(*scale.findings, *body_uncertain(body_sigma)))
-    similarity = _world_T_gauge(rig.cameras[0], vertical.up, floor.height, scale.factor)
+    similarity = world_T_gauge(rig.cameras[0], vertical.up, floor.height, scale.factor)
     return Metric(similarity.rig(rig), similarity.of(joints_m), similarity, scale, vertical, floor, body_sigma)
 
 
@@ -150,7 +150,15 @@ def _speed(hips_m: Float[np.ndarray, "frame 3"], time_s: Float[np.ndarray, " fra
     return np.linalg.norm(hips_m[after] - hips_m[before], axis=-1) / step_s
 
 
-def _world_T_gauge(first: Camera, up: Float[np.ndarray, " 3"], floor: float, scale: float) -> Similarity:
+def world_T_gauge(first: Camera, up: Float[np.ndarray, " 3"], floor: float, scale: float) -> Similarity:
+    """The world whose origin is on the floor under the first camera, x where that looks.
+
+    Args:
+        first: the camera, in the gauge.
+        up: unit vector in the gauge.
+        floor: its height along up, in the unit of the gauge.
+        scale: metres for each unit.
+    """
     # A camera that looks straight up or down has no horizontal viewing direction: there, what is up in its image.
     R_camera = first.world_T_camera[:3, :3]
     directions = (R_camera[:, 2], -R_camera[:, 1])

@@ -235,7 +235,7 @@ def test_a_moment_without_a_board_is_no_origin(scene: BoardScene) -> None:
 
 @pytest.mark.parametrize("text", ["floor", "board@", "board@x", "camera@3"])
 def test_worlds_that_there_are_not(text: str) -> None:
-    with pytest.raises(ValueError, match=re.escape("the origin is board, board@SECONDS, camera or level")):
+    with pytest.raises(ValueError, match=re.escape("the origin is board, board@SECONDS, camera, level or people")):
         parse_origin(text)
 
 
