@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.calibrated import Grade, by_remedy
-from fgpose.diagnosis.body.joint_names import in_words_by_part, limb_of
+from fgpose.diagnosis.body.joint_names import in_a_row, in_words_by_part, limb_of
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import SAMPLES, USUAL_ERROR_M, camera_medians, errors_m, together_px
 from fgpose.finding import Code, Finding, Severity
@@ -26,6 +26,7 @@ _MUCH_HALLUCINATED = 0.3
 _LEFT_OUT_RATIO = 2.0  # of limbs
 # One joint that a view shows elsewhere more often than not, and hardly any other.
 _OFTEN, _HARDLY = 0.5, 0.1
+_LIMBS_NAMED = 4
 _LEAST_S = 1.0
 # Of cameras on a bar of 0.9 m at 4.5 m errors are 60 to 80 mm, three to four times those of a ring.
 _NARROW_DEG = 15.0
@@ -222,11 +223,13 @@ def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
         nowhere = (wrong.sum(axis=0) >= 2) & ((judged & ~elsewhere).sum(axis=0) < 2)
         if nowhere.any():
             found.append(_seen_by_nobody(recording, person, np.flatnonzero(nowhere).tolist(), shares))
-        groups: dict[tuple[int, str], list[int]] = {}
-        for c, j in np.argwhere(wrong & ~nowhere).tolist():
-            limb = trajectory.skeleton.part_names[j] or limb_of(trajectory.skeleton.joints[j])
-            groups.setdefault((c, limb), []).append(j)
-        found += [_misplaced(recording, person, c, joints, shares[c]) for (c, _), joints in groups.items()]
+        for c in np.flatnonzero((wrong & ~nowhere).any(axis=1)).tolist():
+            limbs: dict[str, list[int]] = {}
+            for j in np.flatnonzero(wrong[c] & ~nowhere).tolist():
+                limbs.setdefault(
+                    trajectory.skeleton.part_names[j] or limb_of(trajectory.skeleton.joints[j]), []
+                ).append(j)
+            found.append(_misplaced(recording, person, c, list(limbs.values()), shares[c]))
     return found
 
 
@@ -262,20 +265,27 @@ def _seen_by_nobody(
 
 
 def _misplaced(
-    recording: FinishedRecording, person: int, camera: int, joints: list[int], shares: Float[np.ndarray, " joint"]
+    recording: FinishedRecording, person: int, camera: int, limbs: list[list[int]], shares: Float[np.ndarray, " joint"]
 ) -> Finding:
-    """Of joints of one limb, hand or face in one view."""
-    skeleton = recording.people[person].skeleton
-    named = in_words_by_part(skeleton, [skeleton.joints[joint] for joint in joints])
-    worst = max(joints, key=lambda joint: float(shares[joint]))
-    name = recording.camera_names[camera]
+    """Of joints of limbs, hands or the face in one view."""
+    skeleton, name = recording.people[person].skeleton, recording.camera_names[camera]
+    limbs = sorted(limbs, key=lambda joints: -float(shares[joints].max()))
+    words = [in_words_by_part(skeleton, [skeleton.joints[joint] for joint in joints]) for joints in limbs]
+    worst = max(limbs[0], key=lambda joint: float(shares[joint]))
+    if len(limbs) == 1:
+        where = _displacement(recording, person, camera, worst)
+        said = f"{words[0]} elsewhere than the others do in {100 * shares[worst]:.0f} % of its detections{where}"
+        cause = "what does the network take for this? A coat, a chair, the other side?"
+    else:
+        each = [f"{own} ({100 * shares[joints].max():.0f} %)" for own, joints in zip(words, limbs, strict=True)]
+        named = [*each[:_LIMBS_NAMED], f"{len(each) - _LIMBS_NAMED} more"] if len(each) > _LIMBS_NAMED else each
+        said = f"{in_a_row(named)} elsewhere than the others do, in so many of its detections"
+        cause = "what hides the person there, or what does the network take for it?"
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
-        f"{recording.prefix(person)}camera {name} shows {named} elsewhere than the others do "
-        f"in {100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
-        "Look at its images: what does the network take for this? A coat, a chair, the other side? Or do the others: "
-        "which of them are right is not told.",
+        f"{recording.prefix(person)}camera {name} shows {said}",
+        f"Look at its images: {cause} Or do the others: which of them are right is not told.",
         0.3 * float(shares[worst]),
         camera=name,
         joint=skeleton.joints[worst],

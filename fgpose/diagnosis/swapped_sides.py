@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.body.sides import exchanged_limbs
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.finished import FinishedRecording
@@ -89,8 +90,8 @@ def _swapped_share(
     worst = int(np.argmax(shares)) if len(shares) else 0
     if len(shares) == 0 or shares[worst] <= _SWAPPED_PAIR_SHARE:
         return 0.0, ""
-    left, right = recording.main.skeleton.left_right[worst]
-    return float(shares[worst]), " and ".join(recording.main.skeleton.joints[each] for each in (left, right))
+    skeleton = recording.main.skeleton
+    return float(shares[worst]), f"the {in_words(skeleton.joints[each] for each in skeleton.left_right[worst])}"
 
 
 def swapped_pairs(

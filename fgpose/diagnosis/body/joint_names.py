@@ -36,6 +36,11 @@ def in_words(joints: Iterable[str]) -> str:
             words += [plural] if plural not in words else []
         else:
             words.append(name.replace("_", " "))
+    return in_a_row(words)
+
+
+def in_a_row(words: Sequence[str]) -> str:
+    """As "knees, ankles and left wrist"; one at least."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
