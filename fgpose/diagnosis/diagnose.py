@@ -24,6 +24,7 @@ from fgpose.diagnosis.camera_checks import (
 )
 from fgpose.diagnosis.changes.camera_faults_checks import lenses_that_show, moved_and_late_cameras
 from fgpose.diagnosis.clock_checks import drifting_cameras, late_cameras, missing_frames, undetermined_clocks
+from fgpose.diagnosis.consequences import EXPLAINS, most_important
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.gravity_checks import wrong_falls
@@ -51,7 +52,7 @@ from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.diagnosis.seen.things import Things
 from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, other_bones, outside
 from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
-from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
+from fgpose.finding import Code, Finding, Severity
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from fgpose.diagnosis.consequences import EXPLAINS, most_important
 from fgpose.diagnosis.swapped_sides import swapped_sides
-from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
+from fgpose.finding import Code, Finding, Severity
 
 PAGE = Path(__file__).parents[3] / "docs" / "help" / "findings.md"
 
@@ -46,6 +47,14 @@ def test_sides_that_are_corrected_are_no_severer_than_they_say() -> None:
     exchanges = found(Code.EXCHANGED_SIDES, camera="b")
     disagrees, moved = found(Code.DISAGREEING_CAMERA, Severity.WRONG, camera="b"), found(Code.MOVED_CAMERA, camera="a")
     assert most_important([exchanges, disagrees, moved]) == (exchanges, moved)
+
+
+def test_sides_that_seem_exchanged_in_a_late_camera_are_explained_by_it() -> None:
+    late, exchanges = found(Code.LATE_CAMERA, camera="a"), found(Code.EXCHANGED_SIDES, camera="a")
+    assert most_important([late, exchanges]) == (late,)
+    throughout, of_another = replace(exchanges, severity=Severity.WRONG), replace(exchanges, camera="b")
+    assert most_important([late, throughout]) == (throughout, late)
+    assert most_important([late, of_another]) == (late, of_another)
 
 
 def test_the_severest_and_weightiest_comes_first_and_nothing_twice() -> None:
