@@ -68,7 +68,7 @@ InputCheck = Callable[[Examined], list[Finding]]
 
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
-    "calibration": (off_centre, disagreements, causes_of_unfollowed),
+    "calibration": (disagreements, off_centre, causes_of_unfollowed),
     "frame rate": (unusual_steps, slow_motion, sorted_as_text),
     "clocks and poses over time": (moved_and_late_cameras,),
     "lenses": (lenses_that_show,),

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view, with_sides_exchanged
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 from fgpose.finding import Code
+from fgpose.geometry.intrinsics import is_of_another_size
 
 Points = Float[np.ndarray, "*points 2"]
 # Sizes that videos and inputs of networks commonly have, the larger side first.
@@ -35,6 +36,7 @@ _MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
 def image_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """All that may be wrong of the pixels of these cameras alike; the size by a coarse grid."""
     yield from _normalised(scene, cameras)
+    yield from _off_centre(scene, cameras)
     yield from turned_hypotheses(scene, cameras)
     yield from _common_sizes(scene, cameras)
     yield from _parts(scene, cameras)
@@ -64,10 +66,16 @@ def size_px(view: CameraView) -> tuple[float, float]:
     return (sides[0], sides[1]) if portrait else (sides[1], sides[0])
 
 
+def _calibrated_px(view: CameraView) -> tuple[float, float]:
+    """The same by the principal point, where that says that the stated size is not the calibration's."""
+    width_px, height_px = (2 * view.camera.K[:2, 2] + 1).tolist()
+    is_given = min(width_px, height_px) > 1 and is_of_another_size(view.camera)
+    return _probable_size((width_px, height_px), (1.0, 1.0)) if is_given else size_px(view)
+
+
 def resized(scene: SynchronousViews, cameras: tuple[int, ...], factor: tuple[float, float]) -> Hypothesis:
     """Keypoints of images of another size; the calibration's is so many times as large."""
-    view = scene.views[cameras[0]]
-    calibrated_px = size_px(view)
+    calibrated_px = _calibrated_px(scene.views[cameras[0]])
     given_px = _probable_size(calibrated_px, factor)
     same = abs(factor[0] - factor[1]) < _SAME_SIZE * factor[0]
     times = f"{factor[0]:.3g}" if same else f"{factor[0]:.3g} (x) and {factor[1]:.3g} (y)"
@@ -109,6 +117,39 @@ def shift_in_words(by_px: Mapping[str, float]) -> tuple[str, str]:
         f"Were they cut, or stabilised? Add {' and '.join(f'{px:.0f} to c{axis}' for axis, px in axes.items())}, or "
         "give the calibration of these images.",
     )
+
+
+def _off_centre(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Principal points alone that are of images of another size, or left out, with focal lengths that are right."""
+    own = [scene.views[c].camera for c in cameras]
+    if not all(is_of_another_size(camera) for camera in own):
+        return
+    centres_px = np.array([camera.K[:2, 2] for camera in own])
+    middles_px = np.array([(np.array(camera.size_px) - 1) / 2 for camera in own])
+    was_left_out = bool((centres_px <= 0).any())
+    factor = 0.0 if was_left_out else _simple(float(np.sum(middles_px * centres_px) / np.sum(centres_px**2)))
+
+    def mended(view: CameraView) -> Points:
+        centre_px, middle_px = view.camera.K[:2, 2], (np.array(view.camera.size_px) - 1) / 2
+        return view.points_px + centre_px - (middle_px if was_left_out else factor * centre_px)
+
+    (cx, cy), (x, y), (width, height) = centres_px[0], middles_px[0], own[0].size_px
+    yield Hypothesis(
+        Code.WRONG_LENS,
+        cameras,
+        each_view(_of_points(mended), cameras),
+        f"The principal point of {{cameras}} (cx = {cx:.0f}, cy = {cy:.0f}) is far from the middle of images of "
+        f"{width}x{height}, whose focal length is right",
+        f"It was left out: give the middle, cx = {x:.0f} and cy = {y:.0f}."
+        if was_left_out
+        else f"It is that of images of another size: multiply cx and cy, and not the focal length, by {factor:.3g}.",
+    )
+
+
+def _simple(factor: float) -> float:
+    """A simple ratio where one is near: lenses are off the middle by some pixels."""
+    near = min((*_RATIOS, *(1 / ratio for ratio in _RATIOS)), key=lambda ratio: abs(ratio / factor - 1))
+    return near if abs(near / factor - 1) < _UNCHANGED else factor
 
 
 def _shifts(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:

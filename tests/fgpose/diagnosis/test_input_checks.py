@@ -9,6 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.diagnosis.input_checks import off_centre, unusual_steps
 from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
@@ -35,6 +36,24 @@ def test_a_principal_point_that_was_left_out() -> None:
     assert "cx = 0, cy = 0" in of_one.reason
     (of_all,) = off_centre(Examined(without_centre(rig, (0, 1, 2)), {0: seen}))
     assert "cam1, cam2, cam3" in of_all.reason
+
+
+@pytest.mark.parametrize(
+    ("of_focal", "code", "words"),
+    [
+        (1.0, Code.WRONG_LENS, "multiply cx and cy, and not the focal length, by 1.5"),
+        (2 / 3, Code.IMAGE_SIZE, "Multiply the keypoints by 0.66"),
+    ],
+)
+def test_a_principal_point_of_another_resolution_is_told_from_a_whole_calibration_of_it(
+    of_focal: float, code: Code, words: str
+) -> None:
+    rig = room(4)
+    other = np.array([[of_focal, 1, 2 / 3], [1, of_focal, 2 / 3], [1, 1, 1]])
+    wrong = CameraRig(tuple(replace(camera, K=camera.K * other) for camera in rig.cameras))
+    (found,) = disagreements(Examined(wrong, {0: recorded(rig)}))
+    assert found.code is code
+    assert words in found.remedy
 
 
 def test_images_that_were_cut_with_their_calibration_are_right() -> None:
