@@ -42,12 +42,22 @@ _GUESSES_COUNT = 0.1
 
 def usual_confidence(confidence: Float[np.ndarray, "*detections"]) -> float:
     """Of these detections, 0 where there is none; NaN if there is none at all."""
-    known = np.sort(confidence[confidence > 0])
+    known = confidence[confidence > 0]
     if not known.size:
         return np.nan
-    # numpy.quantile takes five times as long for one frame.
-    usual, highest = np.interp((_USUAL_QUANTILE, _HIGHEST_QUANTILE), np.linspace(0.0, 1.0, known.size), known)
+    known.sort()
+    usual, highest = (_quantile(known, quantile) for quantile in (_USUAL_QUANTILE, _HIGHEST_QUANTILE))
     return float(max(usual, _SHARE_OF_HIGHEST * highest))
+
+
+def _quantile(ordered: Float[np.ndarray, " value"], quantile: float) -> float:
+    """numpy.quantile takes five times as long for one frame."""
+    # The places of all values, and they in double precision, take four times as much memory as they.
+    last = len(ordered) - 1
+    first = max(int(quantile * last) - 1, 0)
+    near = np.arange(first, min(first + 4, len(ordered)))
+    at = np.where(near < last, near * (1.0 / max(last, 1)), 1.0)
+    return float(np.interp(quantile, at, ordered[near]))
 
 
 def credible(
@@ -55,13 +65,20 @@ def credible(
 ) -> Float[np.ndarray, "frame joint"]:
     """Probability that some camera sees each joint, as far as the detector says; 1 where nothing is detected."""
     first, last = np.searchsorted(time_s, time_s - _LONG_S), np.searchsorted(time_s, time_s + _LONG_S, side="right")
-    total, images = _sums(confidence), _sums(confidence > 0)
-    lately = np.empty((len(time_s), confidence.shape[2]))
-    for part in parts_of(len(time_s)):
+    (n_frames, n_cameras, n_joints), usual = confidence.shape, usual_confidence(confidence)
+    said, at, sums = np.empty((n_frames, 2, n_joints)), 0, np.zeros((1, 2, n_cameras, n_joints))
+    for part in parts_of(n_frames):
+        # Of all frames at once the sums take three times as much memory as the confidences.
         begin, end = first[part], last[part]
-        lately[part] = _highest(_mean(total[end] - total[begin], (images[end] - images[begin]).astype(float)))
-    said = np.stack([lately, _highest(confidence)], axis=-2)
-    return _credible(said, usual_confidence(confidence), np.quantile(said, _USUAL_QUANTILE, axis=0))
+        before, own = sums[begin[0] - at], confidence[begin[0] : end[-1]]
+        at, sums = begin[0], np.cumsum(np.concatenate([before[None], np.stack([own, own > 0], axis=1)]), axis=0)
+        total, images = (sums[end - at] - sums[begin - at]).swapaxes(0, 1)
+        said[part] = np.stack([_highest(_mean(total, images)), _highest(confidence[part])], axis=1)
+    own = np.stack([np.quantile(said[:, :, joint], _USUAL_QUANTILE, axis=0) for joint in range(n_joints)], axis=-1)
+    found = np.empty((n_frames, n_joints))
+    for part in parts_of(n_frames):
+        found[part] = _credible(said[part], usual, own)
+    return found
 
 
 class RunningCredibility:
@@ -97,13 +114,6 @@ class RunningCredibility:
         own = np.where(np.isnan(self._own), said, self._own)
         learned = np.maximum(_as_usual(said, own), _GUESSES_COUNT) / min(max(n_frames, 1), _MEMORY_FRAMES)
         return np.where(said[1] > 0, own + learned * (said - own), self._own)
-
-
-def _sums(values: np.ndarray) -> np.ndarray:
-    """Of the frames before each, and of all; of booleans their numbers."""
-    sums = np.zeros((len(values) + 1, *values.shape[1:]), dtype=np.int32 if values.dtype == bool else float)
-    np.cumsum(values, axis=0, out=sums[1:])
-    return sums
 
 
 def _mean(total: Float[np.ndarray, "*shape"], images: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
