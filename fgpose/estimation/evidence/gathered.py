@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
+from fgpose.estimation.evidence.corrected import Corrected
 from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock
 from fgpose.estimation.evidence.evidence import Evidence, concatenated
@@ -17,6 +18,7 @@ from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE, gather, without, w
 from fgpose.estimation.evidence.image_checks.checks import checked
 from fgpose.estimation.evidence.plausibility import Bodies
 from fgpose.estimation.evidence.presence import present
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
@@ -42,7 +44,7 @@ class Gathered:
     _located: Bool[np.ndarray, "frame joint"]
     _left_out: Bool[np.ndarray, " frame"]
     _credible: Float[np.ndarray, "frame joint"]
-    _observations: Observations
+    _observations: Observations | Corrected
     _rig: CameraRig
     """By the mean clock of the cameras."""
     _config: Config
@@ -66,10 +68,11 @@ class Gathered:
         none_exchanged = np.broadcast_to(np.False_, observations.confidence.shape)
         known = implausible, none_exchanged, seen, located, left_out, said
         gathered = Gathered(time_s, [guess_m], *known, observations, rig, config)
-        n_views, parts = np.empty((n_frames, n_joints), dtype=int), parts_of(n_frames, FRAMES_AT_ONCE)
+        parts, of_parts = parts_of(n_frames, FRAMES_AT_ONCE), []
         for part in parts:
-            n_views[part] = gathered._learn(part, guess_m).n_views
-        bodies = Bodies.of(guess_m, n_views, gathered.implausible, observations.skeleton)
+            learned = gathered._learn(part, guess_m)
+            of_parts.append(Bodies.of(learned.guess_m, learned.n_views, learned.implausible, observations.skeleton))
+        bodies = Bodies.of_all(of_parts)
         bodies.refuse_millimetres()
         if not bodies.are_mostly_implausible:
             gathered._left_out[:] = bodies.implausible
@@ -164,8 +167,12 @@ class Gathered:
 def gather_long(observations: Observations, rig: CameraRig, config: Config) -> Evidence | Gathered:
     """As gather, without detections that are not of the person at their moment; of a long recording part by part, where
     it is needed."""
-    observations, flipped = checked(observations, rig)
+    corrected, flipped = checked(observations, rig)
     uses_depths = observations.points3d_m is not None and config.depth.use != "never"
-    is_long = observations.n_frames > LONG_FRAMES and not uses_depths
-    gathered = Gathered.of(observations, rig, config) if is_long else gather(observations, rig, config)
-    return replace(gathered, sides_exchanged=flipped)
+    if observations.n_frames <= LONG_FRAMES or uses_depths:
+        return replace(gather(corrected, rig, config), sides_exchanged=flipped)
+    hand_back()
+    gathered = Gathered.of(corrected, rig, config)
+    # Those that were given stay in memory anyway.
+    own = Corrected.of(by_mean_clock(observations, rig)[0], corrected)
+    return replace(gathered, sides_exchanged=flipped, _observations=own)

@@ -3,7 +3,8 @@ fails gives pixels of anything."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -66,6 +67,11 @@ class Bodies:
         implausible |= (n_seen >= MIN_JOINTS) & (n_known < _LEAST_AGREEMENT * n_seen)
         large = (size_m > _MILLIMETRES_M) & (n_known >= min(MIN_JOINTS, skeleton.n_joints))
         return Bodies(size_m, large, implausible, (n_known > 1) | implausible)
+
+    @staticmethod
+    def of_all(parts: Sequence[Bodies]) -> Bodies:
+        """Of parts that follow each other."""
+        return Bodies(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Bodies)))
 
     @property
     def are_mostly_implausible(self) -> bool:
