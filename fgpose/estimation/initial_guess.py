@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import MotionConfig
+from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 
 
@@ -48,7 +49,7 @@ def fill_gaps(
 
 def median_lengths(skeleton: Skeleton, positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, " length"]:
     """Median over time and both sides of every shared bone length, metres; NaN where a bone is never complete."""
-    of_bones = skeleton.bone_lengths(positions_m)
+    of_bones = np.concatenate([skeleton.bone_lengths(positions_m[part]) for part in parts_of(len(positions_m))])
     lengths_m = np.full(skeleton.n_lengths, np.nan)
     for length in range(skeleton.n_lengths):
         values = of_bones[:, np.array(skeleton.length_of_bone) == length]

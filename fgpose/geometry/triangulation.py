@@ -18,7 +18,7 @@ from fgpose.sampling import spread_evenly
 _MIN_PARALLAX_RAD = np.deg2rad(1.0)
 _INLIER_PX = 20.0  # see CameraRig.in_own_px
 _MAX_PAIRS = 66  # all pairs of 12 views; bounds time and memory, which grow with pairs times views
-_PROPOSALS_AT_ONCE = 50_000  # of four views they take about 50 MB
+_PROPOSALS_AT_ONCE = 12_000  # of four views they take about 12 MB
 _FARTHEST_PX = 1e30  # of sixth powers, as in a determinant, double precision has no more
 
 
