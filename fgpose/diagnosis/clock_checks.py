@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -33,6 +33,8 @@ _OUTLIER_RATIO = 5.0  # of the median error
 _UNWEIGHTED = ProjectionConfig(kernel="none")
 # Relative: the lag that all cameras have in common has none but by rounding and by what keeps unseen joints invertible.
 _NO_INFORMATION = 1e-7
+# Two checks, one after the other, ask of the same recording. It is not kept for that: it is large.
+_KNOWN_LAGS: WeakKeyDictionary[FinishedRecording, dict[str, Lag]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,15 @@ def _significant(freedom: int) -> float:
     return float(stdtrit(freedom, 1 - _BY_CHANCE / 2))
 
 
-@lru_cache(maxsize=1)  # two checks, one after the other, ask of the same recording
 def lags(recording: FinishedRecording) -> dict[str, Lag]:
     """Of each camera that can be told to be late, by what it saw of the main person; of none where there are fewer than
     three cameras or five seconds."""
+    if recording not in _KNOWN_LAGS:
+        _KNOWN_LAGS[recording] = _lags(recording)
+    return _KNOWN_LAGS[recording]
+
+
+def _lags(recording: FinishedRecording) -> dict[str, Lag]:
     seen = recording.observations.get(recording.main_person)
     if seen is None or recording.rig is None or recording.rig.n_cameras < 3 or recording.main.n_frames < 3:
         return {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +14,11 @@ import pytest
 
 from fgpose.config import Config
 from fgpose.diagnosis.camera_checks import few_cameras
+from fgpose.diagnosis.clock_checks import late_cameras
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.estimation import smoother
 from fgpose.estimation.evidence import gathered
+from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solution import Solution
 from fgpose.geometry.camera import CameraRig
@@ -123,6 +126,22 @@ def first_guess(segment: Segment) -> Solution:
     nobody = Solution.of_nobody(segment)
     covariance_m2 = np.broadcast_to(1e-4 * np.eye(3), (*segment.active.shape, 3, 3)).copy()
     return replace(nobody, positions_m=segment.evidence.guess_m, covariance_m2=covariance_m2)
+
+
+def test_what_is_usual_of_confidences_is_asked_for_without_copies_of_all(recording: Observations) -> None:
+    """A copy of the confidences, 0.33, or what is said of each joint, with sums of one camera and the result, 0.36.
+    With the places of all confidences and the sums of all cameras it were 1.0."""
+    assert growth(lambda part: credible(part.confidence, part.time_s), recording) < 0.5
+
+
+def test_a_recording_that_was_looked_at_is_not_kept(recording: Observations, rig: CameraRig) -> None:
+    shape = 10, recording.skeleton.n_joints
+    somebody = Trajectory(recording.skeleton, np.arange(10.0), np.zeros((*shape, 3)), np.full(shape, Status.OBSERVED))
+    finished = FinishedRecording("walk", {0: somebody}, rig)
+    assert late_cameras(finished) == []
+    looked_at = weakref.ref(finished)
+    del finished
+    assert looked_at() is None
 
 
 def test_how_far_cameras_are_apart_is_told_by_some_frames(recording: Observations, rig: CameraRig) -> None:

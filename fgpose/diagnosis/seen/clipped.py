@@ -43,6 +43,8 @@ class Clipped:
         clipped, residual_px, visibility = self.of.get(person), trajectory.residual_px, trajectory.visibility
         if clipped is None or residual_px is None or visibility is None or clipped.shape != visibility.shape:
             return trajectory
+        if not clipped.any():
+            return trajectory
         unknown_px, unknown = (np.where(clipped, np.nan, of) for of in (residual_px, visibility))
         return replace(trajectory, residual_px=unknown_px, visibility=unknown)
 
