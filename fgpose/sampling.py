@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
 
@@ -269,13 +269,7 @@ def between_images(
     """
     if len(time_s) < 2:
         return np.full((len(at_s), *values.shape[1:]), np.nan)
-    before, share, is_there = _around(time_s, at_s)
-    share = share.reshape(-1, *(1,) * (values.ndim - 1))
-    # Where the time is that of an image, the other one does not matter, and may be missing.
-    first, second = (1 - share) * values[before], share * values[before + 1]
-    between = np.where(share == 0, values[before], np.where(share == 1, values[before + 1], first + second))
-    between[~is_there] = np.nan
-    return between
+    return Around.of(time_s, at_s).between(values)
 
 
 def at_times(
@@ -295,23 +289,51 @@ def smaller_around(
     """The smaller of the values of the two images around each time; 0 where there are not two, or a gap."""
     if len(time_s) < 2:
         return np.zeros((len(at_s), *values.shape[1:]))
-    before, share, is_there = _around(time_s, at_s)
-    share = share.reshape(-1, *(1,) * (values.ndim - 1))
-    first, second = values[before], values[before + 1]
-    smaller = np.where(share == 0, first, np.where(share == 1, second, np.minimum(first, second)))
-    smaller[~is_there] = 0.0
-    return smaller
+    return Around.of(time_s, at_s).smaller(values)
 
 
-def _around(
-    time_s: Float[np.ndarray, " image"], at_s: Float[np.ndarray, " sample"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Index of the image before each time, the share of the way to the next, and whether both are near."""
-    before = np.clip(np.searchsorted(time_s, at_s, side="right") - 1, 0, len(time_s) - 2)
-    step_s = time_s[before + 1] - time_s[before]
-    share = (at_s - time_s[before]) / np.where(step_s > 0, step_s, np.nan)
-    # Sums of times are rounded: what is an image within a nanosecond is that image.
-    share = np.where(np.abs(share - np.round(share)) < 1e-7, np.round(share), share)
-    is_image = (share == 0) | (share == 1)
-    inside = (share >= 0) & (share <= 1) & (is_image | (step_s <= _LONGEST_STEPS * usual_step_s(time_s)))
-    return before, np.clip(share, 0, 1), inside
+@dataclass(frozen=True, eq=False)
+class Around:
+    """The two images around each of some times."""
+
+    before: Int[np.ndarray, " sample"]
+    """The first of them."""
+    share: Float[np.ndarray, " sample"]
+    """Of the way to the second."""
+    is_there: Bool[np.ndarray, " sample"]
+    """Whether both are near."""
+
+    @staticmethod
+    def of(time_s: Float[np.ndarray, " image"], at_s: Float[np.ndarray, " sample"]) -> Around:
+        """Of two images at least."""
+        before = np.clip(np.searchsorted(time_s, at_s, side="right") - 1, 0, len(time_s) - 2)
+        step_s = time_s[before + 1] - time_s[before]
+        share = (at_s - time_s[before]) / np.where(step_s > 0, step_s, np.nan)
+        # Sums of times are rounded: what is an image within a nanosecond is that image.
+        share = np.where(np.abs(share - np.round(share)) < 1e-7, np.round(share), share)
+        is_image = (share == 0) | (share == 1)
+        inside = (share >= 0) & (share <= 1) & (is_image | (step_s <= _LONGEST_STEPS * usual_step_s(time_s)))
+        return Around(before, np.clip(share, 0, 1), inside)
+
+    def counted_from(self, image: int) -> Around:
+        """The same of the images from one on."""
+        return replace(self, before=self.before - image)
+
+    def between(self, values: Float[np.ndarray, "image ..."]) -> Float[np.ndarray, "sample ..."]:
+        """See between_images."""
+        share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
+        # Where the time is that of an image, the other one does not matter, and may be missing.
+        first, second = (1 - share) * values[self.before], share * values[self.before + 1]
+        between = np.where(
+            share == 0, values[self.before], np.where(share == 1, values[self.before + 1], first + second)
+        )
+        between[~self.is_there] = np.nan
+        return between
+
+    def smaller(self, values: Float[np.ndarray, "image ..."]) -> Float[np.ndarray, "sample ..."]:
+        """See smaller_around."""
+        share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
+        first, second = values[self.before], values[self.before + 1]
+        smaller = np.where(share == 0, first, np.where(share == 1, second, np.minimum(first, second)))
+        smaller[~self.is_there] = 0.0
+        return smaller

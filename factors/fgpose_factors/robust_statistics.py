@@ -22,7 +22,7 @@ def known_median(values: Float[np.ndarray, "*values"]) -> float:
 def known_quantile(values: Float[np.ndarray, "*values"], q: float) -> float:
     """NaN where nothing is known."""
     known = values[np.isfinite(values)]
-    return float(np.quantile(known, q)) if known.size else np.nan
+    return float(np.quantile(known, q, overwrite_input=True)) if known.size else np.nan
 
 
 def known_medians(values: Float[np.ndarray, "*values"], axis: int = -1) -> Float[np.ndarray, "*medians"]:

@@ -35,6 +35,7 @@ from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_len
 from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
@@ -107,6 +108,7 @@ def _compared(people: Sequence[Observations]) -> bool:
 
 def _rays(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> Rays:
     """With the changes so far undone."""
+    hand_back()
     grid_s = grid_step_s(people)
     return rays_of(people, rig, changes, grid_s, _n_lags(grid_s))
 

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from fgpose.calibration.changes.motion_share import displacements, motion_share
 from fgpose.calibration.changes.rays import Rays
 from fgpose.estimation.noise import CORRELATION_S
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.vectors import cross, dot
 from fgpose_factors.robust_statistics import robust_sigma
 
@@ -198,6 +199,7 @@ def lag_costs(rays: Rays, blocks: Blocks, n_lags: int) -> LagCosts:
     for pair in pairs:
         cost[pair], scale[pair], share = _of_pair(rays, blocks, *pair, n_lags, moved[list(pair)])
         most.append(share.max(axis=1))
+        hand_back()
     return LagCosts(blocks, rays.step_s / PER_STEP, pairs, cost, scale, np.median(most, axis=0) > _MOSTLY)
 
 
@@ -267,12 +269,12 @@ def _by_block(
     near each other at one lag may be of another moment, which is easier to see."""
     order = np.argsort(blocks.block, kind="stable")
     begins = np.searchsorted(blocks.block[order], np.arange(blocks.n_blocks))
-    counted = np.nan_to_num(cost)
+    counted = np.nan_to_num(cost, copy=False)  # nobody else needs it
     counted *= weight
     middle = weight.shape[1] // 2
     both = np.where(weight[:, middle : middle + 1] > 0, weight, 0.0)
     total, seen, number, common = (
-        np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0)
+        np.add.reduceat(each.sum(axis=2, dtype=float)[order], begins, axis=0)
         for each in (counted, weight, weight > 0, both)
     )
     most = seen.max(axis=1, keepdims=True)

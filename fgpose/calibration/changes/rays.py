@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.changes.change import Change, later_s, pieces
-from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.sampling import between_images, parts_of, smaller_around, spread_evenly, usual_step_s
+from fgpose.sampling import Around, parts_of, spread_evenly, usual_step_s
 
 # Errors of detections are correlated over 0.15 s, and nobody moves a limb to and fro in 0.05: more is no information.
 _GRID_HZ = 40.0
@@ -106,11 +106,16 @@ def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], ste
         there = np.isfinite(stamp_s)
         stamp_s = stamp_s[there]
         taken_s = stamp_s + camera.time_offset_s + later_s(changes, c, stamp_s)
-        seen_px = _undistorted_px(camera, own.points2d_px[:, c], np.flatnonzero(there), joints)
-        confidence = own.confidence[there, c][:, joints]
+        images = np.flatnonzero(there)
         for part in parts_of(len(time_s)):
             at_s = time_s[part]
-            at_px, at_weight = between_images(taken_s, seen_px, at_s), smaller_around(taken_s, confidence, at_s)
+            at_px, at_weight = np.full((len(at_s), len(joints), 2), np.nan), np.zeros((len(at_s), len(joints)))
+            if len(images) > 1:
+                around = Around.of(taken_s, at_s)
+                begin = int(around.before.min())
+                near, around = images[begin : around.before.max() + 2], around.counted_from(begin)
+                at_px = around.between(camera.undistort(own.points2d_px[near, c][:, joints]))
+                at_weight = around.smaller(own.confidence[near, c][:, joints])
             image = np.searchsorted(taken_s, at_s + 1e-9, side="right") - 1
             stamps_s = stamp_s[np.maximum(image, 0)] if there.any() else at_s
             for number, (since_s, until_s, turned) in enumerate(held[c], start=first[c]):
@@ -121,19 +126,6 @@ def _of_person(own: Observations, rig: CameraRig, changes: Sequence[Change], ste
                 pose[c, holds] = number
             weight[c, part] = np.where(np.isfinite(direction[c, part]).all(axis=-1), at_weight, 0.0)
     return Rays(np.append(time_s, np.full(n_gap, np.nan)), step_s, direction, weight, pose, world_T_camera)
-
-
-def _undistorted_px(
-    camera: Camera,
-    points_px: Float[np.ndarray, "frame joint 2"],
-    images: Int[np.ndarray, " image"],
-    joints: Int[np.ndarray, " chosen"],
-) -> Float[np.ndarray, "image chosen 2"]:
-    """Some of the points of some images."""
-    undistorted_px = np.empty((len(images), len(joints), 2))
-    for part in parts_of(len(images)):
-        undistorted_px[part] = camera.undistort(points_px[images[part]][:, joints])
-    return undistorted_px
 
 
 def chosen_joints(own: Observations) -> Int[np.ndarray, " joint"]:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.seen.keypoints import spread_px
 from fgpose.diagnosis.seen.rounded import differences_px, filled_and_rounded
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import parts_of, stretches, usual_step_s
@@ -58,7 +59,7 @@ def interpolated_keypoints(examined: Examined) -> list[Finding]:
 def _filled_of(points_px: Float[np.ndarray, "frame joint 2"]) -> Bool[np.ndarray, "frame joint"]:
     """Of one camera."""
     known = np.asarray(np.isfinite(points_px).all(axis=-1))
-    exact_px, step_px = _EXACT * _spread_px(points_px, known), _step_px(points_px[known])
+    exact_px, step_px = _EXACT * spread_px(points_px), _step_px(points_px[known])
     bend_px = differences_px(points_px, 2)
     filled = _filled(points_px, bend_px, known, max(2.01 * step_px, exact_px))
     if filled.any():
@@ -95,7 +96,7 @@ def _on_curves(
     filled = np.zeros(points_px.shape[:2], dtype=bool)
     fourth_px, exact_px = differences_px(points_px, 4), _OF_FOURTH * exact_px
     known_px = fourth_px[np.isfinite(fourth_px)]
-    if len(known_px) < _FEWEST or not np.quantile(known_px, 1 - _BENT) > _FINER * exact_px:
+    if len(known_px) < _FEWEST or not np.quantile(known_px, 1 - _BENT, overwrite_input=True) > _FINER * exact_px:
         return filled
     filled[2:-2] = (fourth_px <= exact_px) & (bend_px[1:-1] > exact_px)
     return _runs(filled)
@@ -110,13 +111,6 @@ def _runs(filled: Bool[np.ndarray, "frame joint"]) -> Bool[np.ndarray, "frame jo
     for k in range(_IN_A_ROW):
         kept[k : len(in_a_row) + k] |= in_a_row
     return kept
-
-
-def _spread_px(points_px: Float[np.ndarray, "frame joint 2"], known: Bool[np.ndarray, "frame joint"]) -> float:
-    """Of the joints in an image that shows all of them."""
-    parts = parts_of(len(points_px))
-    spreads_px = np.concatenate([np.std(points_px[part][known[part].all(axis=1)], axis=1) for part in parts])
-    return float(np.median(spreads_px)) if len(spreads_px) else 0.0
 
 
 def _step_px(values: Float[np.ndarray, "*values"]) -> float:

@@ -165,9 +165,15 @@ def _trembling(points_px: Float[np.ndarray, "frame joint 2"], step: int) -> floa
     if known.sum() < _FEWEST:
         return np.nan
     fast = known & (speed >= np.quantile(speed[known], _FAST))
-    whole = points_px[np.isfinite(points_px).all(axis=(1, 2))]
-    spread_px = float(np.median(np.std(whole, axis=1))) if len(whole) else 0.0
-    return robust_sigma(noise_px[fast]) / spread_px if spread_px > 0 else np.nan
+    in_images_px = spread_px(points_px)
+    return robust_sigma(noise_px[fast]) / in_images_px if in_images_px > 0 else np.nan
+
+
+def spread_px(points_px: Float[np.ndarray, "frame joint 2"]) -> float:
+    """Of the joints in an image that shows all of them, by both axes; 0: there is none."""
+    parts = (points_px[part] for part in parts_of(len(points_px)))
+    spreads_px = np.concatenate([np.std(some[np.isfinite(some).all(axis=(1, 2))], axis=1) for some in parts])
+    return float(np.median(spreads_px)) if len(spreads_px) else 0.0
 
 
 def _smoothed(camera: str, trembling_mm: float, severity: Severity) -> Finding:
