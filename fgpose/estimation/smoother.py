@@ -236,6 +236,7 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
             more = 1 - around.credible[window.contributed_of_solved], speed_mps[own]
             of_window_m2 = with_swing(solution.covariance_m2, positions_m[here[own]], *swing, *more)
             covariance_m2[here[own]] = np.where(active[own, :, None, None], of_window_m2, np.nan)
+        hand_back()
     status = np.full((n_frames, n_joints), Status.UNOBSERVABLE, dtype=np.int8)
     status[here] = joint_status(active, observed)
     return Trajectory(

@@ -94,24 +94,26 @@ def show(result: Result, recording: Recording) -> None:
 
 def _show_compared(result: Result, recording: Recording) -> None:
     """The results of one person side by side, with what each detection and each factor does to the last of them."""
-    source, main, every = result.source, result.main[0], result.compared_every
-    shown = slice(None, None, every)
-    observations = source.observations.frames(shown)
-    evidence = source.gathered(result.config)
-    weights, undistorted_px = _weighted(observations, source.rig, evidence, np.arange(main.n_frames)[shown])
-    hand_back()
-    if main.visibility is not None:
-        weights *= np.nan_to_num(main.visibility[shown])
-    recording.log_observations(observations, weights, undistorted_px, every)
+    main, every = result.main[0], result.compared_every
+    _show_detections(result, recording)
     for name, people in result.trajectories.items():
         recording.log_trajectory(name, people[0], 1 if name in result.saved else every)
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
     if "refined" not in result.saved:
-        residuals = _residuals(result)
         hand_back()
-        recording.log_residuals(main.time_s[shown], residuals, every)
+        residuals = _residuals(result)
+        recording.log_residuals(main.time_s[::every], residuals, every)
     if result.update_ms is not None:
         recording.log_update_times(result.frame_time_s, result.update_ms)
+
+
+def _show_detections(result: Result, recording: Recording) -> None:
+    source, main, shown = result.source, result.main[0], slice(None, None, result.compared_every)
+    observations, evidence = source.observations.frames(shown), source.gathered(result.config)
+    weights, undistorted_px = _weighted(observations, source.rig, evidence, np.arange(main.n_frames)[shown])
+    if main.visibility is not None:
+        weights *= np.nan_to_num(main.visibility[shown])
+    recording.log_observations(observations, weights, undistorted_px, result.compared_every)
 
 
 def _weighted(
@@ -120,8 +122,11 @@ def _weighted(
     """The weight and the undistorted place of each detection in some frames, in single precision, as the viewer shows
     them, also of those that are no evidence; of a few frames at a time: all that is gathered of them takes ten times as
     much memory."""
-    parts = (evidence.frames(some) for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)))
-    of_parts = ((part.weights.astype(np.float32), part.undistorted_px.astype(np.float32)) for part in parts)
+    of_parts = []
+    for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)):
+        part = evidence.frames(some)
+        of_parts.append((part.weights.astype(np.float32), part.undistorted_px.astype(np.float32)))
+        hand_back()
     weights, undistorted_px = (np.concatenate(each) for each in zip(*of_parts, strict=True))
     not_as_given = np.isnan(undistorted_px[..., 0]) | evidence.sides_exchanged[frames]
     some = np.flatnonzero((observations.seen & not_as_given).any(axis=(1, 2)))
@@ -143,4 +148,5 @@ def _residuals(result: Result) -> dict[str, Float[np.ndarray, "frame joint"]]:
         shown = slice(of_solved.start + -window.contributed.start % every, of_solved.stop, every)
         # A view would keep the residuals of all frames. The viewer shows two digits.
         parts.append({factor: each[shown].astype(np.float32) for factor, each in residuals.items()})
+        hand_back()
     return {factor: np.concatenate([part[factor] for part in parts]) for factor in parts[0]}

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 AXES = "xyz"
 PER_CAMERA = ("residual_px", "visibility")
 """Fields with one column for each camera: residual_px_<camera>."""
-_FRAMES_AT_ONCE = 5000  # in a group of rows: 30 MB
+_FRAMES_AT_ONCE = 2000  # in a group of rows: 12 MB, and two of them are in memory
 RESULT = (
     Column("time_s", "s", "time of the frame: the mean time at which the cameras took it"),
     Column(

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.estimation.evidence.delays import on_time_px
 from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import parts_of
@@ -26,6 +27,7 @@ def with_left_out(
     left_out = given.seen & (np.isnan(trajectory.visibility) | of_other_side) & known[:, None]
     if not (left_out.any() or of_other_side.any()):
         return trajectory
+    hand_back()
     visibility, residual_px = trajectory.visibility.copy(), trajectory.residual_px.copy()
     visibility[of_other_side] = residual_px[of_other_side] = np.nan
     visibility[left_out] = 0.0
