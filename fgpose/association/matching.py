@@ -195,10 +195,14 @@ def match(
         exists: probability that each person is there.
         mirror: the joint on the other side of each.
     """
-    n_cameras, n_people, n_detections, n_joints = likelihood.log_ratio.shape
+    n_cameras, n_people, _, n_joints = likelihood.log_ratio.shape
     chosen = np.full((n_cameras, n_people), NOBODY)
     for camera in range(n_cameras):
         chosen[camera] = _assigned(likelihood.score[camera], exists)
+    half_of = _half_of(likelihood, chosen)
+    halves = np.argwhere(half_of != NOBODY).tolist()
+    for c, half in halves:
+        chosen[c, chosen[c] == half] = NOBODY
     camera, person = np.nonzero(chosen != NOBODY)
     own = chosen[camera, person]
     score = np.full(chosen.shape, -np.inf)
@@ -209,24 +213,32 @@ def match(
     of_chosen[camera, person] = sides[camera, person, own]
     joint[of_chosen > 0] = mirror
     hand_over(detection, joint, chosen, likelihood.probability, sides > 0, mirror)
-    taken = np.zeros((n_cameras, n_detections), dtype=bool)
-    taken[camera, own] = True
-    fits = likelihood.fits | _is_other_half(likelihood, chosen)
-    fits_somebody = (fits & (chosen != NOBODY)[..., None]).any(axis=1)
+    is_double = (likelihood.fits & (chosen != NOBODY)[..., None]).any(axis=1)
+    is_double[camera, own] = False
+    for c, half in halves:
+        is_double[c, half], k = True, half_of[c, half]
+        known = np.isfinite(likelihood.log_ratio[c, k, half]) & (chosen[c, k] != NOBODY)
+        detection[c, k, known] = half
+        joint[c, k, known] = (mirror if sides[c, k, half] > 0 else np.arange(n_joints))[known]
     gain = _gain(likelihood.score, chosen, score)
-    return Matches(chosen, detection, joint, score, gain, ~taken & fits_somebody, of_chosen)
+    return Matches(chosen, detection, joint, score, gain, is_double, of_chosen)
 
 
-def _is_other_half(
-    likelihood: Likelihood, chosen: Int[np.ndarray, "camera person"]
-) -> Bool[np.ndarray, "camera person detection"]:
-    """Of a body that a detector has split: what is rather of the person, and has no joint that is in the chosen one."""
-    if not likelihood.score.size:
-        return np.zeros(likelihood.score.shape, dtype=bool)
-    known = np.asarray(np.isfinite(likelihood.log_ratio).any(axis=1))
-    of_chosen = np.take_along_axis(known, np.maximum(chosen, 0)[..., None], axis=1)
-    shares = (of_chosen[:, :, None] & known[:, None]).any(axis=-1)
-    return np.asarray(~shares & (likelihood.score > 0))
+def _half_of(likelihood: Likelihood, chosen: Int[np.ndarray, "camera person"]) -> Int[np.ndarray, "camera detection"]:
+    """Of bodies that a detector has split: whose other half a detection is, or NOBODY. It has no joint of the half that
+    was given to them, and fits them better than whomever it was given to itself.
+
+    Somebody of whom little is known may be anywhere: one detection a person, they would live on what those beside them
+    leave over.
+    """
+    known, score = np.isfinite(likelihood.log_ratio), likelihood.score
+    if not score.size:
+        return np.full(score.shape[::2], NOBODY)
+    is_own = np.asarray(chosen[..., None] == np.arange(score.shape[2]))
+    of_own = np.asarray((known & is_own[..., None]).any(axis=2))
+    is_half = of_own.any(axis=-1, keepdims=True) & ~(of_own[:, :, None] & known).any(axis=-1)
+    fits = np.where(is_half, score, -np.inf)
+    return np.where(fits.max(axis=1) > np.where(is_own, score, 0.0).max(axis=1), fits.argmax(axis=1), NOBODY)
 
 
 def _assigned(

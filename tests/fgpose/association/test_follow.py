@@ -110,6 +110,31 @@ def test_detectors_that_all_stop_lose_nobody(follower: Follower, rig: CameraRig,
     assert len(shown) == 1
 
 
+def test_who_has_gone_does_not_live_on_halves_of_somebody_else(
+    follower: Follower, rig: CameraRig, skeleton: Skeleton
+) -> None:
+    """When the second has gone, 0.6 m away, detectors split the first into every other joint and the rest."""
+    people_m, half = [body_m(skeleton), body_m(skeleton, (0.0, 0.6))], np.arange(skeleton.n_joints) % 2 == 0
+    rng = np.random.default_rng(0)
+    for frame in range(120):
+        images = [image(rig, c, frame / FPS, people_m[: 1 + (frame < 60)], rng) for c in range(rig.n_cameras)]
+        if frame >= 60:
+            images = [
+                Detections(
+                    each.camera,
+                    each.time_s,
+                    np.repeat(each.points2d_px, 2, axis=0),
+                    each.confidence * np.stack([half, ~half]),
+                )
+                for each in images
+            ]
+        follower.see(images)
+    assert what_happened(follower) == ["confirmed", "confirmed", "lost"]
+    assert follower.events[-1].time_s < 2.5
+    # Twice what the filter takes for the standard deviation of a detection.
+    assert np.linalg.norm(follower.tracks[0].pose.positions_m[0] - people_m[0], axis=-1).max() < 0.08
+
+
 def scene_of_a_return(skeleton: Skeleton, away_m: np.ndarray, back_m: np.ndarray, n_away_s: float = 5.0) -> Scene:
     """Two people; the first leaves after 3 s and somebody comes after n_away_s."""
     stays_m = body_m(skeleton, THERE_M)

@@ -101,6 +101,27 @@ def test_the_other_half_of_a_body_that_is_split_is_not_free() -> None:
     np.testing.assert_array_equal(matches.is_free, [[False, False, True]])
 
 
+def test_the_other_half_of_somebody_is_not_given_to_who_may_be_anywhere() -> None:
+    """The joints of the second half are those of the first person, with left and right exchanged."""
+    log_ratio = np.full((1, 2, 2, 6), np.nan)
+    log_ratio[0, :, 0, :3] = [[FITS], [DOES_NOT]]
+    log_ratio[0, :, 1, 3:] = [[FITS], [1.0]]
+    sides, mirror = np.array([[[0, 1], [0, 0]]]), np.array([0, 1, 2, 4, 3, 5])
+    matches = match(Likelihood(log_ratio), sides, np.ones(2), mirror)
+    np.testing.assert_array_equal(matches.chosen, [[0, NOBODY]])
+    np.testing.assert_array_equal(matches.detection[0], [[0, 0, 0, 1, 1, 1], [NOBODY] * 6])
+    np.testing.assert_array_equal(matches.joint[0, 0], [0, 1, 2, 4, 3, 5])
+    np.testing.assert_array_equal(matches.is_free, [[False, False]])
+
+
+def test_half_a_body_beside_another_half_is_of_whom_it_fits_best() -> None:
+    log_ratio = np.full((1, 2, 2, 6), np.nan)
+    log_ratio[0, :, 0, :3] = [[FITS], [DOES_NOT]]
+    log_ratio[0, :, 1, 3:] = [[1.0], [FITS]]
+    matches = match(Likelihood(log_ratio), np.zeros((1, 2, 2), dtype=int), np.ones(2), np.arange(6))
+    np.testing.assert_array_equal(matches.chosen, [[0, 1]])
+
+
 def test_a_joint_that_fits_another_is_theirs() -> None:
     """The wrist of the second person, in the detection of the first; their own was not detected."""
     log_ratio = grouped(2)
