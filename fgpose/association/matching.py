@@ -220,7 +220,7 @@ def match(
         known = np.isfinite(likelihood.log_ratio[c, k, half]) & (chosen[c, k] != NOBODY)
         detection[c, k, known] = half
         joint[c, k, known] = (mirror if sides[c, k, half] > 0 else np.arange(n_joints))[known]
-    gain = _gain(likelihood.score, chosen, score)
+    gain = _gain(likelihood, chosen, score)
     return Matches(chosen, detection, joint, score, gain, is_double, of_chosen)
 
 
@@ -258,16 +258,18 @@ def _assigned(
 
 
 def _gain(
-    of_all: Float[np.ndarray, "camera person detection"],
-    chosen: Int[np.ndarray, "camera person"],
-    score: Float[np.ndarray, "camera person"],
+    likelihood: Likelihood, chosen: Int[np.ndarray, "camera person"], score: Float[np.ndarray, "camera person"]
 ) -> Float[np.ndarray, "camera person"]:
-    """Without a person, their detection would go to whom it helps most, who gives up their own."""
+    """Without a person, their detection would go to whom it helps most, who gives up their own. One that fits somebody
+    who has another would be of them once more: it tells nothing."""
     gain = np.zeros(chosen.shape)
     for c, k in np.argwhere(chosen != NOBODY).tolist():
-        helps = of_all[c, :, chosen[c, k]] - np.maximum(score[c], 0.0)
-        helps[k] = 0.0
-        gain[c, k] = max(score[c, k] - max(float(helps.max()), 0.0), 0.0)
+        own = chosen[c, k]
+        others = np.arange(len(chosen[c])) != k
+        if (likelihood.fits[c, :, own] & (chosen[c] != NOBODY) & others).any():
+            continue
+        helps = likelihood.score[c, others, own] - np.maximum(score[c, others], 0.0)
+        gain[c, k] = max(score[c, k] - max(float(helps.max(initial=0.0)), 0.0), 0.0)
     return gain
 
 

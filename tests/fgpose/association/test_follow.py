@@ -135,6 +135,24 @@ def test_who_has_gone_does_not_live_on_halves_of_somebody_else(
     assert np.linalg.norm(follower.tracks[0].pose.positions_m[0] - people_m[0], axis=-1).max() < 0.08
 
 
+def test_who_has_gone_does_not_live_on_second_detections_of_somebody_else(
+    follower: Follower, rig: CameraRig, skeleton: Skeleton
+) -> None:
+    """They go 0.1 m beside the first, of whom half of the images then have a second detection there."""
+    rng = np.random.default_rng(0)
+
+    def scene(_: int, time_s: float) -> list[np.ndarray]:
+        beside_m = float(np.interp(time_s, [1.0, 2.0], [0.8, 0.1]))
+        is_there = time_s < 2.0 or rng.random() < 0.5
+        return [body_m(skeleton), body_m(skeleton, (0.0, beside_m))][: 1 + is_there]
+
+    run(follower, rig, scene, 0.0, 2.0)
+    assert people_of(follower) == [0, 1]
+    run(follower, rig, scene, 2.0, 5.0)
+    assert what_happened(follower)[:3] == ["confirmed", "confirmed", "lost"]
+    assert len(people_of(follower)) == 1
+
+
 def scene_of_a_return(skeleton: Skeleton, away_m: np.ndarray, back_m: np.ndarray, n_away_s: float = 5.0) -> Scene:
     """Two people; the first leaves after 3 s and somebody comes after n_away_s."""
     stays_m = body_m(skeleton, THERE_M)

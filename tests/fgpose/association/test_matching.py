@@ -122,6 +122,17 @@ def test_half_a_body_beside_another_half_is_of_whom_it_fits_best() -> None:
     np.testing.assert_array_equal(matches.chosen, [[0, 1]])
 
 
+def test_what_may_be_of_somebody_else_once_more_tells_nothing() -> None:
+    """The second detection fits both people, the first the first alone; without it the second person gets one that
+    nobody else explains."""
+    log_ratio = grouped(2)
+    log_ratio[0, 0, 1] = FITS - 1
+    (score,), (gain,) = matched(log_ratio).score, matched(log_ratio).gain
+    assert gain.tolist() == [score[0], 0.0]
+    (score,), (gain,) = matched(log_ratio[:, :, 1:]).score, matched(log_ratio[:, :, 1:]).gain
+    assert 0 < gain[1] < score[1]
+
+
 def test_a_joint_that_fits_another_is_theirs() -> None:
     """The wrist of the second person, in the detection of the first; their own was not detected."""
     log_ratio = grouped(2)
