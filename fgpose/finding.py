@@ -86,6 +86,7 @@ class Code(StrEnum):
     IMPOSSIBLE_TURN = "impossible-turn"
     SHORT_LIFE = "short-life"
     PERHAPS_EXCHANGED = "perhaps-exchanged"
+    PERHAPS_SAME = "perhaps-same"
     MOTIONLESS = "motionless"
     OTHER_BONES = "other-bones"
 

@@ -36,6 +36,7 @@ from fgpose.diagnosis.motion_checks import (
     impossible_speeds,
     motionless,
     perhaps_exchanged,
+    perhaps_same,
     short_lives,
     turns,
     unobservable,
@@ -118,6 +119,7 @@ RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
     turns,
     short_lives,
     perhaps_exchanged,
+    perhaps_same,
     motionless,
     missing_frames,
 )

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.association.identity.exchange import Settled
+from fgpose.association.identity.likeness import log_ratio_of_place
 from fgpose.diagnosis.body.joint_names import in_words_by_part
 from fgpose.diagnosis.finished import FinishedRecording, of_each_person
 from fgpose.diagnosis.series import root_speed_mps, sigma_m
@@ -36,6 +39,8 @@ _BELIEVED = 0.5
 _STILL_M, _STILL_S, _MOVE_MOST, _OFTEN_KNOWN = 0.005, 5.0, 0.9, 0.5
 # Somebody who is there for less than this in a longer recording is perhaps nobody.
 _SHORT_LIFE_S = 1.0
+# Who is away for longer may come back elsewhere. Of who stays for so long beside somebody, one of the two may be wrong.
+_AT_ONCE_S = 1.0
 
 _JointGap = tuple[str, float, float, float]
 
@@ -266,3 +271,40 @@ def perhaps_exchanged(recording: FinishedRecording) -> list[Finding]:
         for (one, _), event in last.items()
         if event.what == Settled.PERHAPS.value
     ]
+
+
+def perhaps_same(recording: FinishedRecording) -> list[Finding]:
+    """People who begin where somebody else ends, rather than anywhere: perhaps the same one, who was not recognised."""
+    places = {
+        person: _places_m(each) for person, each in recording.people.items() if np.isfinite(each.positions_m).any()
+    }
+    everywhere_m = np.concatenate([place_m for _, place_m in places.values()]) if places else np.zeros((1, 3))
+    room_m2 = float(np.prod(np.sort(np.ptp(everywhere_m, axis=0))[1:]))
+    found = []
+    for one, other in permutations(places, 2):
+        (one_s, one_m), (other_s, other_m) = places[one], places[other]
+        away_s = float(other_s[0] - one_s[-1])
+        if abs(away_s) > _AT_ONCE_S or one_s[0] >= other_s[0] or one_s[-1] >= other_s[-1]:
+            continue
+        then_m = one_m[np.searchsorted(one_s, other_s[0], side="right") - 1]
+        if log_ratio_of_place(then_m, other_m[0], max(away_s, 0.0), room_m2) < 0:
+            continue
+        found.append(
+            Finding(
+                Code.PERHAPS_SAME,
+                Severity.NOTE,
+                f"person {other} begins at {other_s[0]:.1f} s, {np.linalg.norm(other_m[0] - then_m):.1f} m from person "
+                f"{one}, who ends at {one_s[-1]:.1f} s: perhaps they are one, whom bones and looks do not tell",
+                "Look at the images of that moment: if so, take both numbers for one person.",
+                0.1,
+                person=other,
+                from_s=float(other_s[0]),
+            )
+        )
+    return found
+
+
+def _places_m(trajectory: Trajectory) -> tuple[Float[np.ndarray, " frame"], Float[np.ndarray, "frame 3"]]:
+    """When somebody is where, by the median of the joints; of one joint at least."""
+    is_known = np.isfinite(trajectory.positions_m).all(axis=-1).any(axis=-1)
+    return trajectory.time_s[is_known], np.nanmedian(trajectory.positions_m[is_known], axis=1)

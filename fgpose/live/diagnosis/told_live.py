@@ -82,6 +82,7 @@ REMEDIES: Mapping[Code, str | None] = {
             Code.IMPOSSIBLE_TURN,
             Code.SHORT_LIFE,
             Code.PERHAPS_EXCHANGED,
+            Code.PERHAPS_SAME,
             Code.MOTIONLESS,
             Code.OTHER_BONES,
         )

@@ -8,7 +8,7 @@ import pytest
 import fgpose
 from fgpose.association.track import TrackEvent
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.motion_checks import motionless, perhaps_exchanged
+from fgpose.diagnosis.motion_checks import motionless, perhaps_exchanged, perhaps_same
 from fgpose.finding import Code, Severity
 from tests.fgpose.diagnosis.damaged import FPS, SKELETON, motion_m
 
@@ -55,3 +55,18 @@ def test_who_may_have_been_exchanged_is_said_once_and_as_long_as_it_is_open() ->
     assert (finding.code, finding.severity) == (Code.PERHAPS_EXCHANGED, Severity.DOUBTFUL)
     assert (finding.person, finding.from_s) == (1, 7.0)
     assert "person 1 may have changed numbers with 2: too near" in finding.reason
+
+
+@pytest.mark.parametrize(
+    ("first", "aside_m", "is_said"),
+    [(160, 0.1, True), (140, 0.1, True), (160, 1.5, False), (200, 0.1, False), (90, 0.1, False)],
+)
+def test_who_begins_where_another_ends_may_be_the_same(first: int, aside_m: float, is_said: bool) -> None:
+    """One ends at 5 s, the other begins up to 1.7 s later, or before; a third is there all the time, 3 m away."""
+    stands, aside = somebody(swaying_m(0.008)), np.array([aside_m, 0.0, 0.0])
+    later = somebody(swaying_m(0.008) + aside)[first:]
+    people = {0: stands[:150], 1: later, 2: somebody(swaying_m(0.008) + np.array([3.0, 3.0, 0.0]))}
+    found = perhaps_same(FinishedRecording("people", people))
+    assert [(each.code, each.severity, each.person) for each in found] == [
+        (Code.PERHAPS_SAME, Severity.NOTE, 1)
+    ] * is_said
