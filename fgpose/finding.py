@@ -88,6 +88,7 @@ class Code(StrEnum):
     PERHAPS_EXCHANGED = "perhaps-exchanged"
     PERHAPS_SAME = "perhaps-same"
     MOTIONLESS = "motionless"
+    REFLECTION = "reflection"
     OTHER_BONES = "other-bones"
 
 

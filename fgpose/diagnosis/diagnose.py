@@ -41,6 +41,7 @@ from fgpose.diagnosis.motion_checks import (
     turns,
     unobservable,
 )
+from fgpose.diagnosis.reflections import reflections
 from fgpose.diagnosis.seen.clipped import Clipped
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
 from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
@@ -121,6 +122,7 @@ RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
     perhaps_exchanged,
     perhaps_same,
     motionless,
+    reflections,
     missing_frames,
 )
 """Of what came out."""

@@ -84,6 +84,7 @@ REMEDIES: Mapping[Code, str | None] = {
             Code.PERHAPS_EXCHANGED,
             Code.PERHAPS_SAME,
             Code.MOTIONLESS,
+            Code.REFLECTION,
             Code.OTHER_BONES,
         )
     ),
