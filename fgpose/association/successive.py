@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.association.identity.likeness import RECOGNISED, Passage
 from fgpose.association.recording import Association, Progress, associate
@@ -133,16 +134,34 @@ class _Places:
     @property
     def may_change(self) -> bool:
         """Whether somebody is away for a moment, or farther away from one frame to the next than a person can be."""
+        return bool(self._breaks.any())
+
+    @cached_property
+    def _breaks(self) -> Bool[np.ndarray, " step"]:
+        """After which of the places somebody is away, or farther away than a person can be."""
         step_s, moved_m = np.diff(self.time_s), np.linalg.norm(np.diff(self.middle_m, axis=0), axis=-1)
-        return bool(((step_s > _GAP_S) | (moved_m > _NEAR_M + _RUNS_MPS * step_s)).any())
+        return np.asarray((step_s > _GAP_S) | (moved_m > _NEAR_M + _RUNS_MPS * step_s))
+
+    def last_before_s(self, come_s: float) -> float:
+        """When somebody was there last before who comes; that moment if nobody was. Who comes is followed a few images
+        after they are seen."""
+        begin_s = self.time_s[1:]
+        breaks = np.flatnonzero(self._breaks & (begin_s <= come_s) & (begin_s > come_s - _GAP_S))
+        before_s = self.time_s[: breaks[-1] + 1] if len(breaks) else self.time_s[self.time_s < come_s]
+        return float(before_s[-1]) if len(before_s) else come_s
+
+    def until_m(self, gone_s: float) -> Float[np.ndarray, " 3"]:
+        """The last places until then; NaN if unknown."""
+        return _median_m(self.middle_m[self.time_s <= gone_s][-_SOME_FRAMES:])
 
     def away_m(self, gone_s: float, come_s: float) -> float:
         """Distance between the last places until somebody has gone and the first of who comes; 0 if unknown."""
-        before, after = self.middle_m[self.time_s <= gone_s], self.middle_m[self.time_s >= come_s]
-        if not len(before) or not len(after):
-            return 0.0
-        ends_m = np.median(before[-_SOME_FRAMES:], axis=0), np.median(after[:_SOME_FRAMES], axis=0)
-        return float(np.linalg.norm(ends_m[1] - ends_m[0]))
+        after_m = _median_m(self.middle_m[self.time_s >= come_s][:_SOME_FRAMES])
+        return float(np.nan_to_num(np.linalg.norm(after_m - self.until_m(gone_s))))
+
+
+def _median_m(places_m: Float[np.ndarray, "some 3"]) -> Float[np.ndarray, " 3"]:
+    return np.median(places_m, axis=0) if len(places_m) else np.full(3, np.nan)
 
 
 def _grouped(association: Association, places: _Places) -> tuple[dict[int, list[int]], tuple[Replacement, ...]]:
@@ -159,7 +178,11 @@ def _grouped(association: Association, places: _Places) -> tuple[dict[int, list[
             gone_s = max(spans_s[own][1] for group in groups.values() for own in group)
             if gone_s - begin_s > (1 - _LEAST_ALONE) * (end_s - begin_s):
                 continue
-            odds = {who: _log_odds(association._passages, group, person) for who, group in groups.items()}
+            # Where one camera went on with somebody, nobody knows: no image shows two.
+            gone_s = min(gone_s, places.last_before_s(begin_s))
+            odds = {
+                who: _log_odds(association._passages, group, person, gone_s, places) for who, group in groups.items()
+            }
             likely = max(odds, key=lambda who: odds[who])
             change = Replacement(gone_s, begin_s, newest, likely, False, places.away_m(gone_s, begin_s), odds[likely])
             # Who has just gone cannot be far away; somebody who was here before that may have come back.
@@ -178,13 +201,18 @@ def _span_s(seen: Seen, time_s: Float[np.ndarray, " frame"]) -> tuple[float, flo
     return float(own_s[0]), float(own_s[-1])
 
 
-def _log_odds(passages: Mapping[int, tuple[Passage, ...]], before: list[int], after: int) -> float:
-    """That somebody is one who was there before, against that it is anybody."""
+def _log_odds(
+    passages: Mapping[int, tuple[Passage, ...]], before: list[int], after: int, gone_s: float, places: _Places
+) -> float:
+    """That somebody is one who was there before, until then, against that it is anybody."""
     places_m = np.array(
         [place_m for own in passages.values() for each in own for place_m in (each.begin_m, each.end_m)]
     )
     extent_m = np.sort(np.ptp(places_m, axis=0))
     earlier = Passage.joined([passage for person in before for passage in passages[person]])
+    if earlier.end_s > gone_s:
+        end_m = places.until_m(gone_s)
+        earlier = replace(earlier, end_s=gone_s, end_m=end_m if np.isfinite(end_m).all() else earlier.end_m)
     return earlier.log_ratio(Passage.joined(passages[after]), float(extent_m[1] * extent_m[2]))
 
 

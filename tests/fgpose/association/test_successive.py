@@ -73,6 +73,25 @@ def test_who_comes_back_is_the_same_person(rig: CameraRig, skeleton: Skeleton):
     assert (people.of_person(chosen.seen).seen.any(axis=(1, 2)) == (people.n_showing > 0)).all()
 
 
+@pytest.mark.parametrize(("turned_deg", "until_s"), [(120.0, 4.5), (180.0, 3.5)])
+def test_whom_one_camera_alone_saw_walk_is_nobody_else_when_others_see_them(
+    turned_deg: float, until_s: float, rig: CameraRig, skeleton: Skeleton
+):
+    """Three metres, across its rays and towards it: its track is elsewhere, or still there when all see somebody."""
+    ahead = -rig.cameras[0].position_m[:2] / np.linalg.norm(rig.cameras[0].position_m[:2])
+    cos, sin = np.cos(np.deg2rad(turned_deg)), np.sin(np.deg2rad(turned_deg))
+    along = np.append(np.array([[cos, -sin], [sin, cos]]) @ ahead, 0.0)
+
+    def shown(time_s: float, camera: int) -> list[np.ndarray]:
+        walked_m = 3.0 * np.clip((time_s - 2.0) / (until_s - 2.0), 0.0, 1.0) * along
+        return [body_m(skeleton) + walked_m] if camera == 0 or not 2.0 <= time_s < until_s else []
+
+    found = successive(recording(rig, skeleton, shown, 8.0), rig)
+    for change in () if found is None else found.changes:
+        assert change.gone_s <= change.come_s
+        assert not change.is_somebody_else
+
+
 def test_one_person_throughout_is_not_followed_at_all(rig: CameraRig, skeleton: Skeleton):
     told: list[int] = []
     people = recording(rig, skeleton, lambda time_s, camera: [body_m(skeleton, (0.5 * time_s, 0.0))], 2.0)
