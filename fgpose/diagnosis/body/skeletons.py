@@ -63,10 +63,9 @@ def _cause(
     if order is not None and strangeness(positions_m[:, order.order], given) < _STRANGE:
         return (
             Code.WRONG_SKELETON,
-            f"Joints are not in the order of skeleton {given.name}: what it calls {in_words(order.named)} are probably "
-            f"{in_words(order.probably)}, in all views. As they are named, {as_named}; in this order all bones are "
-            "those of a body",
-            "Exchange them in the keypoints, or write a skeleton file with the joints in their order "
+            f"Joints are not in the order of skeleton {given.name}: {order.what}, in all views. As they are named, "
+            f"{as_named}; in this order all bones are those of a body",
+            "Put them in order in the keypoints, or write a skeleton file with the joints as they stand "
             "(--skeleton my.toml).",
         )
     if strange < _VERY_STRANGE:
@@ -132,17 +131,17 @@ def _strangest(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skelet
 
 
 class JointOrder(NamedTuple):
-    """Joints that are probably others of the same arm or leg."""
+    """Joints that are probably others: of the same arm or leg, or all of them the next ones."""
 
-    named: tuple[str, ...]
-    probably: tuple[str, ...]
+    what: str
+    """As "what it calls knees are probably ankles"."""
     order: Int[np.ndarray, " joint"]
     """For each joint of the skeleton, where it stands in the keypoints."""
 
 
 def better_order(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> JointOrder | None:
-    """The order of the joints of an arm, a leg, or of both that is clearly more like a body, and so in both halves of
-    the recording; None if there is none."""
+    """The order of the joints of an arm, of a leg, of both or of all that is clearly more like a body, and so in both
+    halves of the recording; None if there is none."""
     halves = np.array_split(positions_m, 2)
     as_named = [contradictions(half, skeleton) for half in halves]
     best, most = None, _LESS_UNLIKE * max(1.0, *as_named)
@@ -155,6 +154,10 @@ def better_order(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skel
 
 
 def _orders(skeleton: Skeleton) -> Iterator[JointOrder]:
+    # Counted from one, or with one more in front.
+    for shift, beside in ((1, "before"), (-1, "behind")):
+        order = (np.arange(skeleton.n_joints) + shift) % skeleton.n_joints
+        yield JointOrder(f"each is probably the one {beside} it in its list", order)
     for chain in _CHAINS:
         for sides in _SIDES:
             if not {f"{side}_{joint}" for side in sides for joint in chain} <= set(skeleton.joints):
@@ -165,5 +168,5 @@ def _orders(skeleton: Skeleton) -> Iterator[JointOrder]:
                     for joint, place in zip(chain, found, strict=True):
                         order[skeleton.index(f"{side}_{joint}")] = skeleton.index(f"{side}_{place}")
                 moved = [(place, chain[found.index(place)]) for place in chain if chain[found.index(place)] != place]
-                named, probably = (tuple(f"{side}_{pair[k]}" for pair in moved for side in sides) for k in (0, 1))
-                yield JointOrder(named, probably, order)
+                named, probably = (in_words(f"{side}_{pair[k]}" for pair in moved for side in sides) for k in (0, 1))
+                yield JointOrder(f"what it calls {named} are probably {probably}", order)

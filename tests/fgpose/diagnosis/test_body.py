@@ -259,6 +259,13 @@ def test_joints_in_an_order_that_no_skeleton_has(seen, rig) -> None:
     assert "another one" in finding.reason
 
 
+@pytest.mark.parametrize(("shift", "words"), [(1, "the one before it"), (-1, "the one behind it")])
+def test_joints_that_are_counted_from_another_one(seen, rig, shift: int, words: str) -> None:
+    points_px, confidence = (np.roll(each, shift, axis=2) for each in (seen.points2d_px, seen.confidence))
+    (finding,) = wrong_skeleton(Examined.of(replace(with_points(seen, points_px), confidence=confidence), rig))
+    assert f"each is probably {words} in its list" in finding.reason
+
+
 # One of both sides, one of one side; with two cameras and with more.
 SOME_FAST = [
     pytest.param(
