@@ -79,6 +79,14 @@ def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
     return found
 
 
+def constant_lag(costs: LagCosts, c: int) -> tuple[float, float]:
+    """That which fits best, and its standard deviation, in steps of the costs."""
+    cost = costs.of_camera(c)
+    lag = _minimum(cost.sum(axis=0))
+    sigma = _sigma(Kind.OFFSET, np.full(len(cost), lag), (), cost, costs.blocks.time_s)
+    return lag - cost.shape[1] // 2, sigma
+
+
 def _by_chance(
     cost: Float[np.ndarray, "block lag"], lag: Float[np.ndarray, " block"], told: Bool[np.ndarray, " block"]
 ) -> float:

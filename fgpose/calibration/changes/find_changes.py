@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import gtsam
 import numpy as np
-from jaxtyping import Float
 
 from fgpose.calibration.changes.candidate import CLEARLY, Candidate, chosen_of
 from fgpose.calibration.changes.change import Change, Kind
-from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits, score
+from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits
 from fgpose.calibration.changes.credible import (
-    JUMP_FRAMES,
-    NOTICEABLE_FRAMES,
-    WHOLE_FRAMES,
     clock_matters,
     holds,
     is_clear,
@@ -28,14 +23,15 @@ from fgpose.calibration.changes.lag_costs import (
     Blocks,
     LagCosts,
     blocks_of,
+    compared_rays,
     lag_costs,
+    number_of_lags,
     somebody_walks,
 )
 from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
-from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fit, pose_fits
-from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
-from fgpose.calibration.changes.turning_point import turning_point_s
-from fgpose.freed_memory import hand_back
+from fgpose.calibration.changes.placed import placed
+from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fits
+from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
@@ -45,14 +41,11 @@ AGREES_M = 0.06
 ones, with calibrations that are off by up to 60 mm), 53 mm where occluders hide a third of the joints."""
 LEAST_S = 8.0
 """Shorter recordings do not tell what changes in time."""
-MAX_LAG_S = 1.5
-"""Of one camera behind another; what is found here may be more."""
 _MAX_CHANGES = 6
 _LONGEST_STEP_S = 0.5  # between images: nothing is told of clocks by less than two a second
 # In a ring of cameras that see people as high in all images these are within 1 % of each other, whichever it is.
 _ALIKE, _AS_GOOD = ({Lens.HEIGHT, Lens.CENTRE_Y}, {Lens.WIDTH, Lens.CENTRE_X}), 0.98
-_ROUNDS = 5
-_SETTLED, _SETTLED_M = np.deg2rad(0.1), 0.005
+_ROUNDS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +53,7 @@ class Changes:
     """What was found of a recording."""
 
     changes: tuple[Change, ...]
-    """In the order in which they were found, the clearest first; each on top of those before."""
+    """Each on top of those before."""
     step_s: float
     """Of the images."""
     duration_s: float
@@ -77,7 +70,8 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
 
     Of each camera every kind of change, and another focal length, is fitted to the angles by which its rays miss those
     of the others, on every other second, and judged by the seconds between. The one that makes most better is taken, if
-    that is not by chance and matters; then the next is looked for, until there is none.
+    that is not by chance and matters, and those before it are looked for again beside it; then the next, until there is
+    none.
 
     Args:
         people: what the cameras saw of each, by their stamps.
@@ -86,18 +80,49 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     step_s = min(usual_step_s(own.frame_time_s) for own in people)
     begin_s = min(float(own.frame_time_s[0]) for own in people)
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
-    changes: list[Change] = []
+    groups: list[list[Change]] = []
     lenses: list[LensFit] = []
     compared = rig.n_cameras >= 2 and bool(step_s < _LONGEST_STEP_S) and _compared(people)
     if compared:
-        while len(changes) + len(lenses) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
+        for _ in range(_MAX_CHANGES):
+            found = _next(people, rig, _of_all(groups), step_s)
+            if not found:
+                break
             if isinstance(found, LensFit):
                 lenses.append(found)
                 rig = with_lens(rig, found)
             else:
-                changes += found
+                groups = _settled(people, rig, [*groups, found], step_s)
+    changes = _of_all(groups)
     agree = bool(lenses) and _all_agree(people, rig, changes)
     return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses), agree)
+
+
+def _of_all(groups: Sequence[Sequence[Change]]) -> list[Change]:
+    return [change for group in groups for change in group]
+
+
+def _settled(
+    people: Sequence[Observations], rig: CameraRig, groups: list[list[Change]], step_s: float
+) -> list[list[Change]]:
+    """What was found, each looked for again beside the others until all stay: it was measured by cameras of which some
+    were wrong themselves, so that it may be another change of its camera, at another time, or none."""
+    n_steady = 1  # the newest was found beside all others
+    for _ in range(_ROUNDS * len(groups)):
+        if n_steady >= len(groups):
+            break
+        # What is found goes to the end: the one that was fitted longest ago comes first.
+        former, *groups = groups
+        found = _again(people, rig, _of_all(groups), former[0], step_s)
+        groups = [*groups, found] if found else groups
+        n_steady = n_steady + 1 if _are_alike(found, former, people) else min(len(found), 1)
+    return groups
+
+
+def _are_alike(some: Sequence[Change], others: Sequence[Change], people: Sequence[Observations]) -> bool:
+    begin_s, end_s = people[0].frame_time_s[[0, -1]]
+    second_s = np.arange(begin_s, end_s, BLOCK_S)
+    return len(some) == len(others) and all(a.is_like(b, second_s) for a, b in zip(some, others, strict=True))
 
 
 def _compared(people: Sequence[Observations]) -> bool:
@@ -106,24 +131,13 @@ def _compared(people: Sequence[Observations]) -> bool:
     return by_two > 2 * MIN_BLOCKS * BLOCK_S
 
 
-def _rays(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> Rays:
-    """With the changes so far undone."""
-    hand_back()
-    grid_s = grid_step_s(people)
-    return rays_of(people, rig, changes, grid_s, _n_lags(grid_s))
-
-
-def _n_lags(grid_s: float) -> int:
-    return round(MAX_LAG_S / grid_s)
-
-
 def _next(
     people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float
 ) -> list[Change] | LensFit:
     """The clearest change on top of others; none if there is no other."""
-    rays = _rays(people, rig, changes)
+    rays = compared_rays(people, rig, changes)
     blocks = blocks_of(rays, rays.direction.shape[2])
-    costs = lag_costs(rays, blocks, _n_lags(rays.step_s))
+    costs = lag_costs(rays, blocks, number_of_lags(rays.step_s))
     walks = somebody_walks(rays, blocks)
     each_camera = range(rig.n_cameras)
     candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, walks=walks)]
@@ -134,12 +148,41 @@ def _next(
     lens = max(fits, key=lambda fit: fit.gain.sum() * (CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
     if lens is not None:
         lens = replace(lens, or_else=_as_good(lens, fits))
+    return _clearest(candidates, lens, people, rig, changes, rays, blocks, step_s)
+
+
+def _again(
+    people: Sequence[Observations], rig: CameraRig, others: Sequence[Change], change: Change, step_s: float
+) -> list[Change]:
+    """A change of the clock or the pose of the same camera, on top of others."""
+    rays, c = compared_rays(people, rig, others), change.camera
+    blocks = blocks_of(rays, rays.direction.shape[2])
+    costs = lag_costs(rays, blocks, number_of_lags(rays.step_s), of_camera=c)
+    if change.is_of_clock:
+        candidates = _clocks_of(costs, c, step_s)
+    else:
+        candidates = _poses_of(rays, costs, c, walks=somebody_walks(rays, blocks))
+    found = _clearest(candidates, None, people, rig, others, rays, blocks, step_s)
+    assert not isinstance(found, LensFit)
+    return found
+
+
+def _clearest(
+    candidates: Sequence[Candidate],
+    lens: LensFit | None,
+    people: Sequence[Observations],
+    rig: CameraRig,
+    changes: Sequence[Change],
+    rays: Rays,
+    blocks: Blocks,
+    step_s: float,
+) -> list[Change] | LensFit:
     while candidates:
-        chosen = chosen_of(candidates, step_s / costs.step_s)
+        chosen = chosen_of(candidates, PER_STEP * step_s / rays.step_s)
         # A lens is one number, a pose are six.
         if lens is not None and float(lens.gain.sum()) * CLEARLY > chosen.gain:
             return lens
-        found = _placed(chosen, people, rig, changes, rays, blocks, step_s)
+        found = placed(chosen, people, rig, changes, rays, blocks, step_s)
         if isinstance(chosen.fit, ClockFit) or _agrees(chosen.fit, found, people, rig, changes, blocks):
             return found
         candidates = [
@@ -164,13 +207,13 @@ def _agrees(
 ) -> bool:
     """Whether the camera sees the same as the others, if it was moved: one that shows somebody else for a while, or a
     reflection, agrees better somewhere, and not well anywhere."""
-    rays = _rays(people, rig, [*changes, *found])
+    rays = compared_rays(people, rig, [*changes, *found])
     return misses_m(rays, blocks, found[0].camera, fit.held) < AGREES_M
 
 
 def _all_agree(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> bool:
     """Whether the rays of every camera meet those of the others."""
-    rays = _rays(people, rig, changes)
+    rays = compared_rays(people, rig, changes)
     blocks = blocks_of(rays, rays.direction.shape[2])
     everywhere = np.ones(blocks.n_blocks, dtype=bool)
     return all(misses_m(rays, blocks, c, everywhere) < AGREES_M for c in range(rig.n_cameras))
@@ -204,116 +247,3 @@ def _is_of_posture(fit: PoseFit, rays: Rays, costs: LagCosts) -> bool:
 def _of_motion(fit: LensFit, costs: LagCosts) -> LensFit:
     """As far as somebody moves: errors that a network makes of one posture look like another lens, however long."""
     return replace(fit, gain=fit.gain * costs.moves)
-
-
-def _placed(
-    candidate: Candidate,
-    people: Sequence[Observations],
-    rig: CameraRig,
-    changes: Sequence[Change],
-    rays: Rays,
-    blocks: Blocks,
-    step_s: float,
-) -> list[Change]:
-    """As changes by the stamps of the camera."""
-    fit, change = candidate.fit, replace(candidate.change, reliability=score(candidate.fit.gain))
-    if isinstance(fit, ClockFit):
-        lag_step_s = rays.step_s / PER_STEP
-        lag_s = fit.lag * lag_step_s
-        adds_up, free = (float(np.ptp(lag) if fit.kind is Kind.RATE else lag[0]) for lag in (fit.lag, fit.free_lag))
-        change = replace(change, sigma=fit.change_sigma(adds_up, free) * lag_step_s)
-        if fit.kind is Kind.OFFSET:
-            return [replace(change, offset_s=float(lag_s[0]))]
-        if fit.kind is Kind.RATE:
-            return [_rate(change, lag_s, blocks, changes)]
-        return _jump(change, fit, lag_s, people, rig, changes, rays, blocks, step_s)
-    moved = _move(change, fit, people, rig, changes, blocks)
-    if fit.kind is Kind.MOVED:
-        return [moved]
-    until = bool(fit.held[0])
-    edge = int(np.flatnonzero(fit.held)[-1]) + 1 if until else int(np.flatnonzero(fit.held)[0])
-    near_s = blocks.time_s[min(edge, blocks.n_blocks - 1)] - blocks.length_s / 2
-    before, after = ([*changes, moved], list(changes)) if until else (list(changes), [*changes, moved])
-    at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
-    moved = replace(moved, between_s=_between_s(fit.edges, at_s, blocks))
-    return [replace(moved, until_s=at_s) if until else replace(moved, at_s=at_s)]
-
-
-def _between_s(edges: tuple[int, int], at_s: float, blocks: Blocks) -> tuple[float, float]:
-    """A block to either side: where in a block it changes is not told by blocks."""
-    begin_s, end_s = (float(blocks.time_s[min(edge, blocks.n_blocks - 1)]) for edge in edges)
-    return min(begin_s - 1.5 * blocks.length_s, at_s), max(end_s + 0.5 * blocks.length_s, at_s)
-
-
-def _move(
-    change: Change,
-    fit: PoseFit,
-    people: Sequence[Observations],
-    rig: CameraRig,
-    changes: Sequence[Change],
-    blocks: Blocks,
-) -> Change:
-    """Until nothing is left of it: a large one makes the angles so wide that some of them look like usual ones."""
-    c = change.camera
-    given = rig.cameras[c].world_T_camera
-    for each in changes:
-        if each.camera == c and each.kind is Kind.MOVED:
-            given = each.moved_pose(given)
-    pose = np.array(given)
-    for _ in range(_ROUNDS):
-        pose[:3, 3] += fit.translation_m
-        pose[:3, :3] = gtsam.Rot3.Expmap(fit.rotation).matrix() @ pose[:3, :3]
-        relative = np.linalg.inv(given) @ pose
-        change = replace(
-            change,
-            rotation=gtsam.Rot3.Logmap(gtsam.Rot3(relative[:3, :3])),
-            translation_m=relative[:3, 3],
-            sigma=fit.sigma_rotation,
-            translation_sigma_m=fit.sigma_translation_m,
-        )
-        if np.linalg.norm(fit.rotation) < _SETTLED and np.linalg.norm(fit.translation_m) < _SETTLED_M:
-            break
-        rays = _rays(people, rig, [*changes, change])
-        fit = pose_fit(rays, lag_costs(rays, blocks, _n_lags(rays.step_s)), c, fit.kind, fit.held)
-    return change
-
-
-def _rate(change: Change, lag_s: Float[np.ndarray, " block"], blocks: Blocks, changes: Sequence[Change]) -> Change:
-    """A lag that grows by s per second of common time t is s / (1 - s) per second of stamps t - lag."""
-    duration_s = float(blocks.time_s[-1] - blocks.time_s[0])
-    slope = float(lag_s[-1] - lag_s[0]) / duration_s
-    rate = slope / (1 - slope)
-    return replace(change, rate=rate, offset_s=(float(lag_s[0]) - slope * float(blocks.time_s[0])) / (1 - slope))
-
-
-def _jump(
-    change: Change,
-    fit: ClockFit,
-    lag_s: Float[np.ndarray, " block"],
-    people: Sequence[Observations],
-    rig: CameraRig,
-    changes: Sequence[Change],
-    rays: Rays,
-    blocks: Blocks,
-    step_s: float,
-) -> list[Change]:
-    found: list[Change] = []
-    if abs(lag_s[0]) > NOTICEABLE_FRAMES * step_s:
-        offset_s = float(lag_s[0])
-        found.append(
-            Change(Kind.OFFSET, change.camera, offset_s=offset_s, sigma=change.sigma, reliability=change.reliability)
-        )
-    for first, edges in zip(fit.firsts, fit.edges, strict=True):
-        by_s = float(lag_s[first] - lag_s[first - 1])
-        free, lag_step_s = float(fit.free_lag[first] - fit.free_lag[first - 1]), rays.step_s / PER_STEP
-        frames = by_s / step_s
-        if abs(frames - round(frames)) < WHOLE_FRAMES:
-            by_s = round(frames) * step_s
-        if abs(by_s) < JUMP_FRAMES * step_s:
-            continue
-        jump = replace(change, offset_s=by_s, sigma=fit.change_sigma(by_s / lag_step_s, free) * lag_step_s)
-        near_s = blocks.time_s[first] - blocks.length_s / 2
-        before, after = [*changes, *found], [*changes, *found, jump]
-        at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
-        found.append(replace(jump, at_s=at_s, between_s=_between_s(edges, at_s, blocks)))
-    return found

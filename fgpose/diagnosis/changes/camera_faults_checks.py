@@ -9,7 +9,8 @@ import numpy as np
 
 from fgpose.calibration.camera_faults import CameraFault, camera_faults
 from fgpose.calibration.changes.change import Change, Kind
-from fgpose.calibration.changes.find_changes import LEAST_S, MAX_LAG_S, Changes, find_changes
+from fgpose.calibration.changes.find_changes import LEAST_S, Changes, find_changes
+from fgpose.calibration.changes.lag_costs import MAX_LAG_S
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.changes.other_lenses import or_the_other, other_lenses
 from fgpose.diagnosis.changes.unsteady_cameras import unsteady_cameras
