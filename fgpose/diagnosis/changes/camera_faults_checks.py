@@ -10,8 +10,9 @@ import numpy as np
 from fgpose.calibration.camera_faults import CameraFault, camera_faults
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import LEAST_S, Changes, find_changes
-from fgpose.calibration.changes.lag_costs import MAX_LAG_S
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
+from fgpose.diagnosis.changes.in_words import CLOCKS, POSES, earliest_and_latest, moment, use
+from fgpose.diagnosis.changes.late_cameras import late_camera, late_throughout, lost_frames, other_rate
 from fgpose.diagnosis.changes.other_lenses import or_the_other, other_lenses
 from fgpose.diagnosis.changes.unsteady_cameras import unsteady_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
@@ -23,16 +24,8 @@ from fgpose.finding import Code, Finding, Severity
 _NOT_OF_THIS_TIME = (Why.UNKNOWN, Why.DISTORTED, Why.RATE)
 # Of bumps that are one, to the second to which they are found; and as many as a recording with a careless operator has.
 _ONE_MOMENT_S, _OFTEN = 2.0, 2
-_AT_THE_END = 0.95  # of the lags that were tried
-# A frame rate that is taken for another one. Of drifts only: 25 Hz for 50 is no drift.
-_NTSC = (9e-4, 1.1e-3)
-# The time of a change is told to a second where somebody moves; what is known less well is said.
-_KNOWN_S = 2.5
-_CLOCKS, _POSES = "--estimate-time-offsets", "--refine-calibration"
 _TWICE = 2.0  # a second or two tell turns and moves apart no better
 _LENSES_SHOW_S = 18.0
-# More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
-_FAR_APART_S = 0.12
 _NEAR_SWITCH_S = 0.5  # a view that goes over is found to have moved so near to that
 
 
@@ -109,90 +102,12 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
     together = also_clock and also_pose
     return [
         *other_lenses(found.lenses, names),
-        *(_late_throughout(each, found, names, together) for each in late),
-        *(_lost(each, found, names, together) for each in of_kind[Kind.JUMP]),
-        *(_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
+        *(late_throughout(each, found, names, together) for each in late),
+        *(lost_frames(each, found, names, together) for each in of_kind[Kind.JUMP]),
+        *(other_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
         *_moved_cameras(of_kind[Kind.MOVED], names, together),
         *_bumped_cameras(of_kind[Kind.BUMP], names, together),
     ]
-
-
-def _remedy(option: str, other: str, *, together: bool) -> str:
-    # While the person walks in one direction, both faults cause the same errors. Either option alone would absorb the
-    # error of the other.
-    return f"Use {option} and {other} together." if together else f"Use {option}."
-
-
-def _late(
-    name: str, frames: float, offset_s: float, sigma_s: float, remedy: str, when: str = "", also: str = ""
-) -> Finding:
-    by = f"{abs(frames):.1f} frames ({1000 * abs(offset_s):.0f} +/- {1000 * sigma_s:.0f} ms)"
-    if abs(offset_s) > _AT_THE_END * MAX_LAG_S:
-        by = f"{MAX_LAG_S:.1f} s or more"
-    by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
-    return Finding(
-        Code.LATE_CAMERA,
-        Severity.DOUBTFUL,
-        f"{name} takes its images {by} {'later' if offset_s > 0 else 'earlier'} than their times say, measured by the "
-        f"clocks of the others{when}",
-        f"{remedy}{also}{by_hand if abs(offset_s) > _FAR_APART_S else ''}",
-        0.5,
-        camera=name,
-        numbers={"offset_s": offset_s, "sigma_s": sigma_s},
-    )
-
-
-def _late_throughout(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
-    frames = change.offset_s / found.step_s
-    also = " Is one file numbered from 0 and another from 1?" if abs(abs(frames) - 1) < 0.1 else ""
-    remedy, when = _remedy(_CLOCKS, _POSES, together=together), ", all through the recording"
-    late = _late(names[change.camera], frames, change.offset_s, change.sigma, remedy, when, also)
-    # Three outvote one that is late; of two, both are believed.
-    is_believed = len(names) == 2 and abs(change.offset_s) > _FAR_APART_S
-    return replace(late, severity=Severity.WRONG) if is_believed else late
-
-
-def _lost(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
-    name, frames = names[change.camera], change.offset_s / found.step_s
-    number = f"{abs(frames):.0f} frame{'s' if abs(frames) >= 1.5 else ''}"
-    sizes = f"({1000 * abs(change.offset_s):.0f} +/- {1000 * change.sigma:.0f} ms)"
-    when = _when(change, change.at_s)
-    if frames > 0:
-        what = f"{name} lost {number} {sizes} {when}, and its images were numbered on without a gap"
-        why = "from there on it is ahead of the others"
-    else:
-        what = f"the clock of {name} jumps back by {number} {sizes} {when}"
-        why = "from there on it is behind the others, as if images were written twice"
-    return Finding(
-        Code.LOST_FRAMES,
-        Severity.WRONG,
-        f"{what}: {why}",
-        f"{_remedy(_CLOCKS, _POSES, together=together)} It finds the jump; a constant offset would be wrong before "
-        "or after it. Or give the times of the images.",
-        0.8,
-        camera=name,
-        from_s=change.at_s,
-        numbers={"jump_s": change.offset_s, "sigma_s": change.sigma, "frames": frames, **_earliest_and_latest(change)},
-    )
-
-
-def _rate(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
-    name, total_s = names[change.camera], change.rate * found.duration_s
-    ntsc = _NTSC[0] < abs(change.rate) < _NTSC[1]
-    likely = ": 29.97 Hz, or 59.94, taken for 30 or 60" if ntsc else ""
-    return Finding(
-        Code.CLOCK_RATE,
-        Severity.WRONG,
-        f"the images of {name}{or_the_other(change.camera, names)} follow each other {100 * abs(change.rate):.2f} % "
-        f"more {'slowly' if change.rate > 0 else 'quickly'} than their times say, measured by the others{likely}; that "
-        f"adds up to {abs(total_s) / found.step_s:.1f} frames ({1000 * abs(total_s):.0f} +/- "
-        f"{1000 * change.sigma:.0f} ms)",
-        f"{_remedy(_CLOCKS, _POSES, together=together)} It finds the rate. Or give the true rate, or the times of the "
-        "images.",
-        0.8,
-        camera=name,
-        numbers={"rate": change.rate, "total_s": total_s, "sigma_s": change.sigma},
-    )
 
 
 def _moved_cameras(changes: Sequence[Change], names: Sequence[str], together: bool) -> list[Finding]:
@@ -207,7 +122,7 @@ def _moved_cameras(changes: Sequence[Change], names: Sequence[str], together: bo
             Severity.WRONG,
             f"{len(cameras)} of {len(names)} cameras ({', '.join(names[c] for c in cameras)}) are not where the "
             f"calibration says, by up to {most_deg:.1f} degrees",
-            f"Calibrate again. {_POSES} makes cameras agree, but nothing then tells where the world is.",
+            f"Calibrate again. {POSES} makes cameras agree, but nothing then tells where the world is.",
             0.8,
             numbers={"rotation_deg": most_deg, "cameras": float(len(cameras))},
         )
@@ -263,26 +178,15 @@ def _bumped(change: Change, names: Sequence[str], together: bool) -> Finding:
     return Finding(
         Code.BUMPED_CAMERA,
         Severity.WRONG,
-        f"{name}{or_the_other(change.camera, names)} was moved {_when(change, at_s)}, while it filmed, by "
+        f"{name}{or_the_other(change.camera, names)} was moved {moment(change, at_s)}, while it filmed, by "
         f"about {_by(change)}{right}",
         _mended(change, together, by_hand, " It gives the camera one pose before and one after."),
         0.8,
         camera=name,
         from_s=None if until else at_s,
         to_s=at_s if until else None,
-        numbers=_numbers(change) | {"at_s": at_s, **_earliest_and_latest(change)},
+        numbers=_numbers(change) | {"at_s": at_s, **earliest_and_latest(change)},
     )
-
-
-def _when(change: Change, at_s: float) -> str:
-    begin_s, end_s = change.between_s or (at_s, at_s)
-    if end_s - begin_s < _KNOWN_S:
-        return f"at {at_s:.1f} s"
-    return f"at some time from {max(begin_s, 0):.0f} to {end_s:.0f} s, most probably at {at_s:.1f} s"
-
-
-def _earliest_and_latest(change: Change) -> dict[str, float]:
-    return dict(zip(("earliest_s", "latest_s"), change.between_s or (), strict=False))
 
 
 def _by(change: Change) -> str:
@@ -294,7 +198,7 @@ def _by(change: Change) -> str:
 def _mended(change: Change, together: bool, by_hand: str, also: str = "") -> str:
     if change.rotation_deg > BUMP_DEG or np.linalg.norm(change.translation_m) > BUMP_M:
         return f"{by_hand} It is further away than a bump can be refined."
-    return f"{_remedy(_POSES, _CLOCKS, together=together)}{also}"
+    return f"{use(POSES, CLOCKS, together=together)}{also}"
 
 
 def _numbers(change: Change) -> dict[str, float]:
@@ -320,9 +224,9 @@ def faults_of_short(examined: Examined) -> list[Finding]:
     if not late and not moved:
         raise NotJudgedError(f"it lasts less than {LEAST_S:.0f} s")
     several = len(moved) > 1
-    clocks = _remedy(_CLOCKS, _POSES, together=bool(moved))
+    clocks = use(CLOCKS, POSES, together=bool(moved))
     return [
-        *(_late(each.name, each.offset_frames, each.offset_s, each.offset_sigma_s, clocks) for each in late),
+        *(late_camera(each.name, each.offset_frames, each.offset_s, each.offset_sigma_s, clocks) for each in late),
         *(_moved_of_short(fault, bool(late), several) for fault in moved),
     ]
 
@@ -332,7 +236,7 @@ def _moved_of_short(fault: CameraFault, also_late: bool, several: bool) -> Findi
         return _elsewhere(fault)
     lenses = "; or the focal lengths are not those of the calibration, which a short recording does not tell"
     by = f"{fault.rotation_deg:.1f} degrees and {100 * fault.translation_m:.0f} cm{lenses if several else ''}"
-    remedy = _remedy(_POSES, _CLOCKS, together=also_late)
+    remedy = use(POSES, CLOCKS, together=also_late)
     numbers = {"rotation_deg": fault.rotation_deg, "translation_m": fault.translation_m}
     return _moved(fault.name, "", by, remedy, numbers)
 

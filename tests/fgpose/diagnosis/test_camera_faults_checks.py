@@ -49,6 +49,18 @@ def test_of_two_cameras_one_that_is_far_too_late_is_wrong() -> None:
     assert severities == [Severity.WRONG, Severity.DOUBTFUL, Severity.DOUBTFUL, Severity.DOUBTFUL]
 
 
+def test_clocks_of_which_none_is_outvoted_are_measured_by_those_that_are_named() -> None:
+    names = (*NAMES, "back")
+    late = [Change(Kind.OFFSET, c, offset_s=0.133, sigma=0.003) for c in (0, 1)]
+    for name, finding in zip(names, said(*late, names=names), strict=False):
+        assert (finding.code, finding.camera, finding.severity) == (Code.LATE_CAMERA, name, Severity.WRONG)
+        assert "measured by the clocks of right and back" in finding.reason
+    assert "measured by the clock of right" in said(*late)[0].reason
+    (alone,) = said(late[0], names=names)
+    assert alone.severity is Severity.DOUBTFUL
+    assert "measured by the clocks of the others" in alone.reason
+
+
 def test_a_rate_is_named() -> None:
     (finding,) = said(Change(Kind.RATE, 2, rate=0.001, sigma=0.004))
     assert finding.code is Code.CLOCK_RATE
