@@ -80,10 +80,12 @@ def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
 
 
 def constant_lag(costs: LagCosts, c: int) -> tuple[float, float]:
-    """That which fits best, and its standard deviation, in steps of the costs."""
-    cost = costs.of_camera(c)
+    """That which fits best, and its standard deviation, in steps of the costs: with that of the best line from it, for
+    clocks may drift by less than is noticed."""
+    cost, time = costs.of_camera(c), costs.blocks.time_s
     lag = _minimum(cost.sum(axis=0))
-    sigma = _sigma(Kind.OFFSET, np.full(len(cost), lag), (), cost, costs.blocks.time_s)
+    drift = float(np.std(_line(cost, time - time[0])))
+    sigma = float(np.hypot(_sigma(Kind.OFFSET, np.full(len(cost), lag), (), cost, time), drift))
     return lag - cost.shape[1] // 2, sigma
 
 

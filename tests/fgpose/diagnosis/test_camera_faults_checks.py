@@ -65,7 +65,9 @@ def test_a_rate_is_named() -> None:
     (finding,) = said(Change(Kind.RATE, 2, rate=0.001, sigma=0.004))
     assert finding.code is Code.CLOCK_RATE
     assert "29.97 Hz" in finding.reason
-    assert "7.2 frames" in finding.reason
+    assert "7.2 frames (240 +/- 4 ms)" in finding.reason
+    beside_another = said(Change(Kind.OFFSET, 1, offset_s=0.1), Change(Kind.RATE, 2, rate=0.001, sigma=0.004))[1]
+    assert "7.2 frames (240 ms, if no other clock drifts)" in beside_another.reason
 
 
 def test_a_bump_has_a_time() -> None:

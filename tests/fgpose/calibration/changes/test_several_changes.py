@@ -7,7 +7,7 @@ import pytest
 
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import find_changes
-from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, walk_m
+from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, slower, walk_m
 
 
 def test_clocks_that_all_differ() -> None:
@@ -35,6 +35,17 @@ def test_cameras_that_were_bumped_at_once() -> None:
         assert each.at_s == pytest.approx(150 / FPS, abs=1.0)  # what is promised
         # Turned by 2 degrees, moved by 22 mm; before, by 13 cm.
         assert np.linalg.norm(each.translation_m) < 0.1
+
+
+def test_the_sigma_of_an_offset_holds_a_drift_that_is_not_noticed() -> None:
+    """Of 36 ms, one frame, beside an offset of five: it was stated to 5 ms."""
+    three, truth_m = RIG.subset(RIG.names[:3]), walk_m(3, 12.0)
+    seen = late(slower(filmed(truth_m), 1, 1.003, truth_m), 1, 5).subset(three.names)
+    (found,) = find_changes([seen], three).changes
+    assert found.kind is Kind.OFFSET
+    assert found.offset_s == pytest.approx(0.018 - 5 / FPS, abs=2 * found.sigma)
+    # Standard deviation of what grows evenly; a fifth less, for blocks at both ends may tell less.
+    assert found.sigma > 0.8 * 0.036 / np.sqrt(12)
 
 
 def test_changes_are_alike_to_a_part_of_what_is_known() -> None:
