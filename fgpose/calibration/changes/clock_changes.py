@@ -83,7 +83,7 @@ def constant_lag(costs: LagCosts, c: int) -> tuple[float, float]:
     """That which fits best, and its standard deviation, in steps of the costs: with that of the best line from it, for
     clocks may drift by less than is noticed."""
     cost, time = costs.of_camera(c), costs.blocks.time_s
-    lag = _minimum(cost.sum(axis=0))
+    lag = float(_minimum(cost.sum(axis=0)))
     drift = float(np.std(_line(cost, time - time[0])))
     sigma = float(np.hypot(_sigma(Kind.OFFSET, np.full(len(cost), lag), (), cost, time), drift))
     return lag - cost.shape[1] // 2, sigma

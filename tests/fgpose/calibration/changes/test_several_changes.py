@@ -43,6 +43,7 @@ def test_the_sigma_of_an_offset_holds_a_drift_that_is_not_noticed() -> None:
     seen = late(slower(filmed(truth_m), 1, 1.003, truth_m), 1, 5).subset(three.names)
     (found,) = find_changes([seen], three).changes
     assert found.kind is Kind.OFFSET
+    assert type(found.offset_s) is float
     assert found.offset_s == pytest.approx(0.018 - 5 / FPS, abs=2 * found.sigma)
     # Standard deviation of what grows evenly; a fifth less, for blocks at both ends may tell less.
     assert found.sigma > 0.8 * 0.036 / np.sqrt(12)
