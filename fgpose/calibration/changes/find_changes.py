@@ -10,6 +10,7 @@ import numpy as np
 from fgpose.calibration.changes.candidate import CLEARLY, Candidate, chosen_of
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits
+from fgpose.calibration.changes.comparison import Comparison
 from fgpose.calibration.changes.credible import (
     clock_matters,
     holds,
@@ -17,17 +18,7 @@ from fgpose.calibration.changes.credible import (
     lens_matters,
     move_matters,
 )
-from fgpose.calibration.changes.lag_costs import (
-    BLOCK_S,
-    PER_STEP,
-    Blocks,
-    LagCosts,
-    blocks_of,
-    compared_rays,
-    lag_costs,
-    number_of_lags,
-    somebody_walks,
-)
+from fgpose.calibration.changes.lag_costs import BLOCK_S, PER_STEP, LagCosts, somebody_walks
 from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
 from fgpose.calibration.changes.placed import placed
 from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fits
@@ -85,7 +76,7 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     compared = rig.n_cameras >= 2 and bool(step_s < _LONGEST_STEP_S) and _compared(people)
     if compared:
         for _ in range(_MAX_CHANGES):
-            found = _next(people, rig, _of_all(groups), step_s)
+            found = _next(Comparison.of(people, rig, step_s, _of_all(groups)))
             if not found:
                 break
             if isinstance(found, LensFit):
@@ -94,7 +85,7 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
             else:
                 groups = _settled(people, rig, [*groups, found], step_s)
     changes = _of_all(groups)
-    agree = bool(lenses) and _all_agree(people, rig, changes)
+    agree = bool(lenses) and _all_agree(Comparison.of(people, rig, step_s, changes))
     return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses), agree)
 
 
@@ -113,7 +104,7 @@ def _settled(
             break
         # What is found goes to the end: the one that was fitted longest ago comes first.
         former, *groups = groups
-        found = _again(people, rig, _of_all(groups), former[0], step_s)
+        found = _again(Comparison.of(people, rig, step_s, _of_all(groups)), former[0])
         groups = [*groups, found] if found else groups
         n_steady = n_steady + 1 if _are_alike(found, former, people) else min(len(found), 1)
     return groups
@@ -131,59 +122,43 @@ def _compared(people: Sequence[Observations]) -> bool:
     return by_two > 2 * MIN_BLOCKS * BLOCK_S
 
 
-def _next(
-    people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float
-) -> list[Change] | LensFit:
+def _next(compared: Comparison) -> list[Change] | LensFit:
     """The clearest change on top of others; none if there is no other."""
-    rays = compared_rays(people, rig, changes)
-    blocks = blocks_of(rays, rays.direction.shape[2])
-    costs = lag_costs(rays, blocks, number_of_lags(rays.step_s))
-    walks = somebody_walks(rays, blocks)
-    each_camera = range(rig.n_cameras)
+    rays, costs = compared.rays, compared.costs()
+    walks = somebody_walks(rays, compared.blocks)
+    each_camera = range(compared.rig.n_cameras)
     candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, walks=walks)]
-    candidates += [each for c in each_camera for each in _clocks_of(costs, c, step_s)]
-    fits = lens_fits(rays, costs, rig) if walks else []
+    candidates += [each for c in each_camera for each in _clocks_of(costs, c, compared.step_s)]
+    fits = lens_fits(rays, costs, compared.rig) if walks else []
     fits = [fit for fit in fits if is_clear(_of_motion(fit, costs)) and lens_matters(fit) and holds(fit)]
     # What needs no number goes before what does.
     lens = max(fits, key=lambda fit: fit.gain.sum() * (CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
     if lens is not None:
         lens = replace(lens, or_else=_as_good(lens, fits))
-    return _clearest(candidates, lens, people, rig, changes, rays, blocks, step_s)
+    return _clearest(candidates, lens, compared)
 
 
-def _again(
-    people: Sequence[Observations], rig: CameraRig, others: Sequence[Change], change: Change, step_s: float
-) -> list[Change]:
+def _again(compared: Comparison, change: Change) -> list[Change]:
     """A change of the clock or the pose of the same camera, on top of others."""
-    rays, c = compared_rays(people, rig, others), change.camera
-    blocks = blocks_of(rays, rays.direction.shape[2])
-    costs = lag_costs(rays, blocks, number_of_lags(rays.step_s), of_camera=c)
+    c = change.camera
+    costs = compared.costs(of_camera=c)
     if change.is_of_clock:
-        candidates = _clocks_of(costs, c, step_s)
+        candidates = _clocks_of(costs, c, compared.step_s)
     else:
-        candidates = _poses_of(rays, costs, c, walks=somebody_walks(rays, blocks))
-    found = _clearest(candidates, None, people, rig, others, rays, blocks, step_s)
+        candidates = _poses_of(compared.rays, costs, c, walks=somebody_walks(compared.rays, compared.blocks))
+    found = _clearest(candidates, None, compared)
     assert not isinstance(found, LensFit)
     return found
 
 
-def _clearest(
-    candidates: Sequence[Candidate],
-    lens: LensFit | None,
-    people: Sequence[Observations],
-    rig: CameraRig,
-    changes: Sequence[Change],
-    rays: Rays,
-    blocks: Blocks,
-    step_s: float,
-) -> list[Change] | LensFit:
+def _clearest(candidates: Sequence[Candidate], lens: LensFit | None, compared: Comparison) -> list[Change] | LensFit:
     while candidates:
-        chosen = chosen_of(candidates, PER_STEP * step_s / rays.step_s)
+        chosen = chosen_of(candidates, PER_STEP * compared.step_s / compared.rays.step_s)
         # A lens is one number, a pose are six.
         if lens is not None and float(lens.gain.sum()) * CLEARLY > chosen.gain:
             return lens
-        found = placed(chosen, people, rig, changes, rays, blocks, step_s)
-        if isinstance(chosen.fit, ClockFit) or _agrees(chosen.fit, found, people, rig, changes, blocks):
+        found = placed(chosen, compared)
+        if isinstance(chosen.fit, ClockFit) or _agrees(chosen.fit, compared.beside(*found), found[0].camera):
             return found
         candidates = [
             each for each in candidates if each.change.camera != chosen.change.camera or each.change.is_of_clock
@@ -197,26 +172,17 @@ def _as_good(lens: LensFit, fits: Sequence[LensFit]) -> LensFit | None:
     return next((fit for fit in alike if fit.gain.sum() > _AS_GOOD * lens.gain.sum()), None)
 
 
-def _agrees(
-    fit: PoseFit,
-    found: Sequence[Change],
-    people: Sequence[Observations],
-    rig: CameraRig,
-    changes: Sequence[Change],
-    blocks: Blocks,
-) -> bool:
+def _agrees(fit: PoseFit, moved: Comparison, c: int) -> bool:
     """Whether the camera sees the same as the others, if it was moved: one that shows somebody else for a while, or a
     reflection, agrees better somewhere, and not well anywhere."""
-    rays = compared_rays(people, rig, [*changes, *found])
-    return misses_m(rays, blocks, found[0].camera, fit.held) < AGREES_M
+    return misses_m(moved.rays, moved.blocks, c, fit.held) < AGREES_M
 
 
-def _all_agree(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> bool:
+def _all_agree(compared: Comparison) -> bool:
     """Whether the rays of every camera meet those of the others."""
-    rays = compared_rays(people, rig, changes)
-    blocks = blocks_of(rays, rays.direction.shape[2])
-    everywhere = np.ones(blocks.n_blocks, dtype=bool)
-    return all(misses_m(rays, blocks, c, everywhere) < AGREES_M for c in range(rig.n_cameras))
+    everywhere = np.ones(compared.blocks.n_blocks, dtype=bool)
+    cameras = range(compared.rig.n_cameras)
+    return all(misses_m(compared.rays, compared.blocks, c, everywhere) < AGREES_M for c in cameras)
 
 
 def _clocks_of(costs: LagCosts, c: int, step_s: float) -> list[Candidate]:

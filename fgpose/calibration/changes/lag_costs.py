@@ -7,27 +7,21 @@ two cameras are enough.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.calibration.changes.change import Change
 from fgpose.calibration.changes.motion_share import displacements, motion_share
-from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
+from fgpose.calibration.changes.rays import Rays
 from fgpose.estimation.noise import CORRELATION_S
 from fgpose.freed_memory import hand_back
-from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.vectors import cross, dot
-from fgpose.observations import Observations
 from fgpose_factors.robust_statistics import robust_sigma
 
 BLOCK_S = 1.0
 """Errors of detections are correlated over 0.15 s: blocks of a second are independent of each other."""
-MAX_LAG_S = 1.5
-"""Of one camera behind another that is looked for; what is found may be more."""
 _MAX_BLOCKS = 300
 # Of rays of two cameras that are compared at one lag: bounds the time.
 _MAX_COMPARED = 3e5
@@ -71,18 +65,6 @@ class Blocks:
         """The samples of some blocks."""
         own = held[self.block]
         return Blocks(self.index[own], self.block[own], self.time_s, self.length_s)
-
-
-def compared_rays(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> Rays:
-    """Rays of everybody, with changes undone and room for all lags."""
-    hand_back()
-    grid_s = grid_step_s(people)
-    return rays_of(people, rig, changes, grid_s, number_of_lags(grid_s))
-
-
-def number_of_lags(step_s: float) -> int:
-    """How many steps of the grid a camera may be behind another."""
-    return round(MAX_LAG_S / step_s)
 
 
 def blocks_of(rays: Rays, n_joints: int) -> Blocks:

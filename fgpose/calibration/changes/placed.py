@@ -12,28 +12,19 @@ from jaxtyping import Float
 from fgpose.calibration.changes.candidate import Candidate
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.clock_changes import ClockFit, constant_lag, score
+from fgpose.calibration.changes.comparison import Comparison
 from fgpose.calibration.changes.credible import JUMP_FRAMES, NOTICEABLE_FRAMES, WHOLE_FRAMES
-from fgpose.calibration.changes.lag_costs import PER_STEP, Blocks, compared_rays, lag_costs, number_of_lags
+from fgpose.calibration.changes.lag_costs import PER_STEP, Blocks
 from fgpose.calibration.changes.pose_changes import PoseFit, pose_fit
-from fgpose.calibration.changes.rays import Rays
 from fgpose.calibration.changes.turning_point import turning_point_s
-from fgpose.geometry.camera import CameraRig
-from fgpose.observations import Observations
 
 _ROUNDS = 5
 _SETTLED, _SETTLED_M = np.deg2rad(0.1), 0.005
 
 
-def placed(
-    candidate: Candidate,
-    people: Sequence[Observations],
-    rig: CameraRig,
-    changes: Sequence[Change],
-    rays: Rays,
-    blocks: Blocks,
-    step_s: float,
-) -> list[Change]:
+def placed(candidate: Candidate, compared: Comparison) -> list[Change]:
     """As changes by the stamps of the camera."""
+    rays, blocks = compared.rays, compared.blocks
     fit, change = candidate.fit, replace(candidate.change, reliability=score(candidate.fit.gain))
     if isinstance(fit, ClockFit):
         lag_step_s = rays.step_s / PER_STEP
@@ -41,20 +32,28 @@ def placed(
         adds_up, free = (float(np.ptp(lag) if fit.kind is Kind.RATE else lag[0]) for lag in (fit.lag, fit.free_lag))
         change = replace(change, sigma=fit.change_sigma(adds_up, free) * lag_step_s)
         if fit.kind is Kind.OFFSET:
-            return [_offset(replace(change, offset_s=float(lag_s[0])), people, rig, changes, blocks)]
+            return [_offset(replace(change, offset_s=float(lag_s[0])), compared)]
         if fit.kind is Kind.RATE:
-            return [_rate(change, lag_s, blocks, changes)]
-        return _jump(change, fit, lag_s, people, rig, changes, rays, blocks, step_s)
-    moved = _move(change, fit, people, rig, changes, blocks)
+            return [_rate(change, lag_s, blocks)]
+        return _jump(change, fit, lag_s, compared)
+    moved = _move(change, fit, compared)
     if fit.kind is Kind.MOVED:
         return [moved]
     until = bool(fit.held[0])
     edge = int(np.flatnonzero(fit.held)[-1]) + 1 if until else int(np.flatnonzero(fit.held)[0])
     near_s = blocks.time_s[min(edge, blocks.n_blocks - 1)] - blocks.length_s / 2
-    before, after = ([*changes, moved], list(changes)) if until else (list(changes), [*changes, moved])
-    at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
+    changed = [*compared.changes, moved], list(compared.changes)
+    at_s = _turning_point_s(*(changed if until else changed[::-1]), change.camera, near_s, compared)
     moved = replace(moved, between_s=_between_s(fit.edges, at_s, blocks))
     return [replace(moved, until_s=at_s) if until else replace(moved, at_s=at_s)]
+
+
+def _turning_point_s(
+    before: Sequence[Change], after: Sequence[Change], c: int, near_s: float, compared: Comparison
+) -> float:
+    """When these changes take the place of those, within two blocks."""
+    people, rig, step_s = compared.people, compared.rig, compared.rays.step_s
+    return turning_point_s(people, rig, before, after, c, step_s, near_s, 2 * compared.blocks.length_s)
 
 
 def _between_s(edges: tuple[int, int], at_s: float, blocks: Blocks) -> tuple[float, float]:
@@ -63,18 +62,11 @@ def _between_s(edges: tuple[int, int], at_s: float, blocks: Blocks) -> tuple[flo
     return min(begin_s - 1.5 * blocks.length_s, at_s), max(end_s + 0.5 * blocks.length_s, at_s)
 
 
-def _move(
-    change: Change,
-    fit: PoseFit,
-    people: Sequence[Observations],
-    rig: CameraRig,
-    changes: Sequence[Change],
-    blocks: Blocks,
-) -> Change:
+def _move(change: Change, fit: PoseFit, compared: Comparison) -> Change:
     """Until nothing is left of it: a large one makes the angles so wide that some of them look like usual ones."""
     c = change.camera
-    given = rig.cameras[c].world_T_camera
-    for each in changes:
+    given = compared.rig.cameras[c].world_T_camera
+    for each in compared.changes:
         if each.camera == c and each.kind is Kind.MOVED:
             given = each.moved_pose(given)
     pose = np.array(given)
@@ -91,18 +83,15 @@ def _move(
         )
         if np.linalg.norm(fit.rotation) < _SETTLED and np.linalg.norm(fit.translation_m) < _SETTLED_M:
             break
-        rays = compared_rays(people, rig, [*changes, change])
-        fit = pose_fit(rays, lag_costs(rays, blocks, number_of_lags(rays.step_s)), c, fit.kind, fit.held)
+        moved = compared.beside(change)
+        fit = pose_fit(moved.rays, moved.costs(), c, fit.kind, fit.held)
     return change
 
 
-def _offset(
-    change: Change, people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], blocks: Blocks
-) -> Change:
+def _offset(change: Change, compared: Comparison) -> Change:
     """Until nothing is left of it: at a long lag less is seen by both, and at each something else."""
     for _ in range(_ROUNDS):
-        rays = compared_rays(people, rig, [*changes, change])
-        costs = lag_costs(rays, blocks, number_of_lags(rays.step_s), change.camera)
+        costs = compared.beside(change).costs(change.camera)
         left, sigma = (costs.step_s * each for each in constant_lag(costs, change.camera))
         change = replace(change, offset_s=change.offset_s + left, sigma=sigma)
         if abs(left) < costs.step_s:
@@ -110,7 +99,7 @@ def _offset(
     return change
 
 
-def _rate(change: Change, lag_s: Float[np.ndarray, " block"], blocks: Blocks, changes: Sequence[Change]) -> Change:
+def _rate(change: Change, lag_s: Float[np.ndarray, " block"], blocks: Blocks) -> Change:
     """A lag that grows by s per second of common time t is s / (1 - s) per second of stamps t - lag."""
     duration_s = float(blocks.time_s[-1] - blocks.time_s[0])
     slope = float(lag_s[-1] - lag_s[0]) / duration_s
@@ -118,17 +107,8 @@ def _rate(change: Change, lag_s: Float[np.ndarray, " block"], blocks: Blocks, ch
     return replace(change, rate=rate, offset_s=(float(lag_s[0]) - slope * float(blocks.time_s[0])) / (1 - slope))
 
 
-def _jump(
-    change: Change,
-    fit: ClockFit,
-    lag_s: Float[np.ndarray, " block"],
-    people: Sequence[Observations],
-    rig: CameraRig,
-    changes: Sequence[Change],
-    rays: Rays,
-    blocks: Blocks,
-    step_s: float,
-) -> list[Change]:
+def _jump(change: Change, fit: ClockFit, lag_s: Float[np.ndarray, " block"], compared: Comparison) -> list[Change]:
+    blocks, step_s, lag_step_s = compared.blocks, compared.step_s, compared.rays.step_s / PER_STEP
     found: list[Change] = []
     if abs(lag_s[0]) > NOTICEABLE_FRAMES * step_s:
         offset_s = float(lag_s[0])
@@ -137,7 +117,7 @@ def _jump(
         )
     for first, edges in zip(fit.firsts, fit.edges, strict=True):
         by_s = float(lag_s[first] - lag_s[first - 1])
-        free, lag_step_s = float(fit.free_lag[first] - fit.free_lag[first - 1]), rays.step_s / PER_STEP
+        free = float(fit.free_lag[first] - fit.free_lag[first - 1])
         frames = by_s / step_s
         if abs(frames - round(frames)) < WHOLE_FRAMES:
             by_s = round(frames) * step_s
@@ -145,7 +125,7 @@ def _jump(
             continue
         jump = replace(change, offset_s=by_s, sigma=fit.change_sigma(by_s / lag_step_s, free) * lag_step_s)
         near_s = blocks.time_s[first] - blocks.length_s / 2
-        before, after = [*changes, *found], [*changes, *found, jump]
-        at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
+        before = [*compared.changes, *found]
+        at_s = _turning_point_s(before, [*before, jump], change.camera, near_s, compared)
         found.append(replace(jump, at_s=at_s, between_s=_between_s(edges, at_s, blocks)))
     return found

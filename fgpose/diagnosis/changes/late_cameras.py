@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fgpose.calibration.changes.change import Change
+from fgpose.calibration.changes.comparison import MAX_LAG_S
 from fgpose.calibration.changes.find_changes import Changes
-from fgpose.calibration.changes.lag_costs import MAX_LAG_S
 from fgpose.diagnosis.changes.in_words import CLOCKS, POSES, earliest_and_latest, moment, use
 from fgpose.diagnosis.changes.other_lenses import or_the_other
 from fgpose.finding import Code, Finding, Severity
