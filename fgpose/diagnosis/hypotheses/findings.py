@@ -265,10 +265,12 @@ def _no_agreement(geometry: Geometry) -> Finding:
     return Finding(
         Code.NO_AGREEMENT,
         Severity.WRONG,
-        f"The cameras do not agree where the body is: {', '.join(names)} {by}. No known cause was found that makes "
-        "them agree: not the size, turning or mirroring of images, the order of cameras, or a convention of poses",
-        "Is the calibration that of this recording, and are all keypoints of one person? Calibrate anew, or with "
-        "fgpose calibrate from the people in it.",
+        f"The cameras do not agree where the body is: {', '.join(names)} {by}. No known cause was found that alone "
+        "makes them agree: not the size, turning or mirroring of images, the order of cameras, or a convention of "
+        "poses",
+        "Is the calibration that of this recording, and are all keypoints of one person? Two causes at once, as "
+        "cameras in another order and mirrored images, are not looked for. Calibrate anew, or with fgpose calibrate "
+        "from the people in it.",
         1.0,
         numbers=numbers,
     )
