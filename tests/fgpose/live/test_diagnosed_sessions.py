@@ -132,6 +132,7 @@ def test_the_command_says_it_unless_it_is_switched_off(
 ) -> None:
     path = folder / "mirrored.fgpose"
     session(MIRRORED, path)
+    caplog.clear()  # of what was said when it was recorded
     assert main(["live", "--replay", str(path), "--fast", *(["--no-diagnose"] if is_off else [])]) == 0
     said = [record.message for record in caplog.records if f"[{Code.MIRRORED_IMAGE}]" in record.message]
     assert [" probably wrong: " in line for line in said] == ([] if is_off else [True])
