@@ -41,7 +41,7 @@ def test_the_suspicions_are_printed(
     rig, seen = written(late_camera(walk), tmp_path)
     assert main(["report", str(tmp_path / "out"), "--rig", rig, "--keypoints", seen]) == 0
     printed = capsys.readouterr().out
-    assert "1. ring_1 takes its images 0.9 frames (3" in printed
+    assert "1. ring_1 takes its images 1.0 frames (3" in printed
     assert f"wrote {tmp_path / 'out' / 'report.html'}" in printed
     # Beside its results the page is no result.
     assert main(["report", str(tmp_path / "out"), "-o", str(tmp_path / "second.html")]) == 0

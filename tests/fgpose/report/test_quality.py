@@ -299,7 +299,7 @@ OF_WHAT_WAS_SEEN = (late_camera, drifting_camera, coat, same_confidence)
     [
         (other_camera, "ring_2", "disagrees with the others"),
         # Fast in test_a_late_camera_is_late_by_no_more_than_it_is.
-        pytest.param(late_camera, "ring_1", "takes its images 0.9 frames", marks=pytest.mark.slow),
+        pytest.param(late_camera, "ring_1", "takes its images 1.0 frames", marks=pytest.mark.slow),
         (blind_camera, "ring_3", "sees 20 %"),
         (hallucinating_camera, "ring_0", "probably hallucinated"),
         (swapping_camera, "ring_3", "exchanges left and right of the body in 9.7 %"),
