@@ -9,11 +9,13 @@ from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.finding import Code, Finding, Severity
+from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
 
 # Of two people who have nothing to do with each other, what is not explained is more than the motion of either; who
 # imitates somebody in a dance is late, and has another body.
 _UNEXPLAINED_SHARE, _LEAST_S = 0.25, 2.0
+_MOST_FRAMES = 2000
 
 
 def reflections(recording: FinishedRecording) -> list[Finding]:
@@ -52,6 +54,9 @@ def _unexplained_share(one: Trajectory, other: Trajectory) -> float:
     _, of_one, of_other = np.intersect1d(one.time_s, other.time_s, return_indices=True)
     if len(of_one) < 2 or one.time_s[of_one[-1]] - one.time_s[of_one[0]] < _LEAST_S:
         return np.inf
+    # All frames of an hour take 90 MB for each of eight arrays, for every two people.
+    some = spread_evenly(len(of_one), _MOST_FRAMES)
+    of_one, of_other = of_one[some], of_other[some]
     # What a detector calls left is on the side on which it sees it.
     one_m, other_m = one.positions_m[of_one], other.positions_m[of_other][:, one.skeleton.mirror]
     known = np.asarray(np.isfinite(one_m + other_m).all(axis=-1))
