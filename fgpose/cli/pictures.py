@@ -88,14 +88,13 @@ def show_walk_images(detected: Detected, seen: SeenWalk, recording: CalibrationR
 
 
 def show_board_images(
-    clips: Sequence[Clip], start_s: Float[np.ndarray, " camera"] | None, seen: SeenWalk, recording: CalibrationRecording
+    clips: Sequence[Clip], begins_s: Float[np.ndarray, " camera"], seen: SeenWalk, recording: CalibrationRecording
 ) -> None:
-    """The same of a calibration with a board; start_s: when each camera began, None: all at once."""
+    """The same of a calibration with a board; begins_s: when each camera began."""
     from fgpose.monocular.sources import Sources
     from fgpose.pipeline import show_walk
 
     show_walk(seen, recording)
-    begins_s = np.zeros(len(clips)) if start_s is None else start_s
     taken_s = [clip.taken_s() + begin_s for clip, begin_s in zip(clips, begins_s, strict=True)]
     image = _nearest_images(taken_s, seen.walk.time_s)
     show_matched_images(Sources(seen.rig, tuple(clips)), image, seen.walk.time_s, recording)

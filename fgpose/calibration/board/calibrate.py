@@ -62,6 +62,11 @@ class CalibratedFromBoards(Shown):
         return worst_grade(self.findings)
 
     @property
+    def begins_s(self) -> Float[np.ndarray, " camera"]:
+        """When each camera began after the first; with one clock all at once."""
+        return np.zeros(self.rig.n_cameras) if self.start_s is None else self.start_s
+
+    @property
     def rms_px(self) -> Float[np.ndarray, " camera"]:
         return np.sqrt(np.nanmean(self.residual_px**2, axis=(0, 2)))
 

@@ -11,10 +11,9 @@ from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.verdict.inputs import camera_tilt_deg
 from fgpose.calibration.from_people.verdict.verdict import nobody_upright
 from fgpose.calibration.from_people.world.anatomy import Anatomy
-from fgpose.calibration.from_people.world.floor import find_floor
+from fgpose.calibration.from_people.world.floor import find_vertical_and_floor
 from fgpose.calibration.from_people.world.metric import world_T_gauge
-from fgpose.calibration.from_people.world.steps import Steps
-from fgpose.calibration.from_people.world.vertical import Vertical, find_vertical
+from fgpose.calibration.from_people.world.vertical import Vertical
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.rigid import pose_of
 from fgpose.monocular.detected import Detected
@@ -33,9 +32,8 @@ def level_from_people(result: CalibratedFromBoards, detected: Detected) -> Calib
     """
     if result.grade is Grade.FAILED:
         return result
-    begins_s = np.zeros(result.rig.n_cameras) if result.start_s is None else result.start_s
     try:
-        own = detected.recalibrated(result.rig.with_time_offsets(begins_s))
+        own = detected.recalibrated(result.rig.with_time_offsets(result.begins_s))
         return level_from_walker(result, smooth(own.observations(), own.rig))
     except ValueError as error:
         reason = f"the world is level by the cameras alone: {error}"
@@ -59,9 +57,7 @@ def level_from_walker(result: CalibratedFromBoards, walker: Trajectory) -> Calib
     stature_m = anatomy.stature_m(joints_m)
     if not np.isfinite(stature_m):
         raise ValueError("vertical and floor need the legs and shoulders of somebody: no two cameras saw them")
-    steps = Steps.of(joints_m, walker.time_s, anatomy)
-    vertical = find_vertical(joints_m, walker.time_s, anatomy, steps)
-    floor = find_floor(joints_m, vertical, anatomy, steps)
+    vertical, floor = find_vertical_and_floor(joints_m, walker.time_s, anatomy)
     moved = world_T_gauge(result.rig.cameras[0], vertical.up, floor.height, 1.0)
     rig = moved.rig(result.rig)
     seen_s = float(walker.observed.any(axis=1).mean() * (walker.time_s[-1] - walker.time_s[0]))

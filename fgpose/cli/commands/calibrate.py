@@ -190,7 +190,7 @@ class Calibrate(NetworkOptions, BoardOptions, RecordingToCalibrate):
         if detected is not None:
             with new_console(stderr=True).status("following the walker"):
                 result = level_from_people(result, detected)
-        display = partial(show_board_images, clips, result.start_s) if self.images else None
+        display = partial(show_board_images, clips, result.begins_s) if self.images else None
         written = write_board_calibration(result, self.output, self.format, self._scene, display)
         print_board_calibration(new_console(), result, written)
         if result.grade is Grade.FAILED:

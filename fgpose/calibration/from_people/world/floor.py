@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.calibration.from_people.world.steps import STEPS_AS_ONE, Steps
-from fgpose.calibration.from_people.world.vertical import FOOT_SIGMA, Vertical
+from fgpose.calibration.from_people.world.vertical import FOOT_SIGMA, Vertical, find_vertical
 
 # Of the height of the foot, as a share of the stature: 14 mm of bias of its detections (20 to 40 mm in the image, less
 # where several views agree), which no number of steps averages out on a way to and fro.
@@ -28,6 +28,15 @@ class Floor:
     height: float
     sigma: float
     """Standard deviation where the person walked, in the same unit."""
+
+
+def find_vertical_and_floor(
+    joints_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"], anatomy: Anatomy
+) -> tuple[Vertical, Floor]:
+    """Of a walk, both from its steps. Raises ValueError as find_vertical and find_floor."""
+    steps = Steps.of(joints_m, time_s, anatomy)
+    vertical = find_vertical(joints_m, time_s, anatomy, steps)
+    return vertical, find_floor(joints_m, vertical, anatomy, steps)
 
 
 def find_floor(

@@ -12,7 +12,7 @@ from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.rig.other_people import OtherPerson
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.calibration.from_people.world.anatomy import Anatomy
-from fgpose.calibration.from_people.world.floor import Floor, find_floor
+from fgpose.calibration.from_people.world.floor import Floor, find_vertical_and_floor
 from fgpose.calibration.from_people.world.scale import (
     MeasuredDistance,
     Scale,
@@ -24,8 +24,7 @@ from fgpose.calibration.from_people.world.scale import (
     network_cue,
     stature_cues,
 )
-from fgpose.calibration.from_people.world.steps import Steps
-from fgpose.calibration.from_people.world.vertical import Vertical, find_vertical, is_upright
+from fgpose.calibration.from_people.world.vertical import Vertical, is_upright
 from fgpose.calibration.from_people.world.whose_stature import Beside, whose_stature
 from fgpose.geometry.camera import Camera, CameraRig
 
@@ -90,9 +89,7 @@ def to_metric(
         raise ValueError(
             "scale, vertical and floor need the legs (and shoulders) of the walker: none was reconstructed"
         )
-    steps = Steps.of(joints_m, walk.time_s, anatomy)
-    vertical = find_vertical(joints_m, walk.time_s, anatomy, steps)
-    floor = find_floor(joints_m, vertical, anatomy, steps)
+    vertical, floor = find_vertical_and_floor(joints_m, walk.time_s, anatomy)
     cues = [distance_cue(distance, rig, covariance) for distance in distances]
     if stature_m is not None:
         heads = _heads(joints_m, walk.time_s, vertical, floor, anatomy)
