@@ -69,7 +69,12 @@ def is_of_another_size(camera: Camera) -> bool:
 
 def _off_centre(camera: Camera) -> Float[np.ndarray, " 2"]:
     """As a share of width and height."""
-    return np.asarray((camera.K[:2, 2] - (np.array(camera.size_px) - 1) / 2) / camera.size_px)
+    return np.asarray((camera.K[:2, 2] - middle_px(camera)) / camera.size_px)
+
+
+def middle_px(camera: Camera) -> Float[np.ndarray, " 2"]:
+    """Of its images; the middle of the first pixel is at 0."""
+    return (np.array(camera.size_px) - 1) / 2
 
 
 UNKNOWN_SIZE_PX = (1, 1)

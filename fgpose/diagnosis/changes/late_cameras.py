@@ -8,6 +8,7 @@ from dataclasses import replace
 from fgpose.calibration.changes.change import Change
 from fgpose.calibration.changes.comparison import MAX_LAG_S
 from fgpose.calibration.changes.find_changes import Changes
+from fgpose.diagnosis.body.joint_names import in_a_row
 from fgpose.diagnosis.changes.in_words import CLOCKS, POSES, earliest_and_latest, moment, use
 from fgpose.diagnosis.changes.other_lenses import or_the_other
 from fgpose.finding import Code, Finding, Severity
@@ -63,7 +64,7 @@ def _clocks_of_others(found: Changes, names: Sequence[str]) -> str:
     same = [name for c, name in enumerate(names) if c not in differ]
     if len(differ) == 1 or not same:
         return "the clocks of the others"
-    return f"the clock{'s' if len(same) > 1 else ''} of {' and '.join(filter(None, (', '.join(same[:-1]), same[-1])))}"
+    return f"the clock{'s' if len(same) > 1 else ''} of {in_a_row(same)}"
 
 
 def lost_frames(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view, with_sides_exchanged
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 from fgpose.finding import Code
-from fgpose.geometry.intrinsics import is_of_another_size
+from fgpose.geometry.intrinsics import is_of_another_size, middle_px
 
 Points = Float[np.ndarray, "*points 2"]
 # Sizes that videos and inputs of networks commonly have, the larger side first.
@@ -125,13 +125,13 @@ def _off_centre(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[H
     if not all(is_of_another_size(camera) for camera in own):
         return
     centres_px = np.array([camera.K[:2, 2] for camera in own])
-    middles_px = np.array([(np.array(camera.size_px) - 1) / 2 for camera in own])
+    middles_px = np.array([middle_px(camera) for camera in own])
     was_left_out = bool((centres_px <= 0).any())
     factor = 0.0 if was_left_out else _simple(float(np.sum(middles_px * centres_px) / np.sum(centres_px**2)))
 
     def mended(view: CameraView) -> Points:
-        centre_px, middle_px = view.camera.K[:2, 2], (np.array(view.camera.size_px) - 1) / 2
-        return view.points_px + centre_px - (middle_px if was_left_out else factor * centre_px)
+        centre_px = view.camera.K[:2, 2]
+        return view.points_px + centre_px - (middle_px(view.camera) if was_left_out else factor * centre_px)
 
     (cx, cy), (x, y), (width, height) = centres_px[0], middles_px[0], own[0].size_px
     yield Hypothesis(
