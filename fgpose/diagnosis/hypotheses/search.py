@@ -16,14 +16,11 @@ from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypo
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
 from fgpose.diagnosis.hypotheses.images import (
     image_hypotheses,
-    is_common_size,
-    is_part,
     is_shift,
-    resized,
     shifted,
-    within_image,
 )
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews
+from fgpose.diagnosis.hypotheses.sizes import is_common_size, is_part, resized, within_image
 from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
 
