@@ -15,7 +15,7 @@ from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.consistency import NEAR_M, consistency
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.geometry import Geometry
-from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, in_words
+from fgpose.diagnosis.hypotheses.hypothesis import Causes, Hypothesis, in_words, mended
 from fgpose.diagnosis.hypotheses.images import mirrored_hypotheses
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, Why
 from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation, SearchState
@@ -28,6 +28,7 @@ _USUAL = "2 to 6 cm are usual"
 _FEWEST_EQUAL, _MOSTLY_EQUAL = 20, 0.9
 _UNSURE = 0.6  # of the confidence of the other cameras: below, a camera hallucinates rather than sees somebody else
 _HANDED_FRAMES = 120
+_FAR_M = 100.0  # rays that hardly converge: a number would say nothing
 _AFTER_A_MOMENT = {
     Code.EXCHANGED_CAMERAS: "Were files put together, or cameras plugged in again? Exchange the keypoints back.",
     Code.MIRRORED_IMAGE: "Was a program started again, with mirroring on? Mirror the keypoints back.",
@@ -126,7 +127,8 @@ def _explained(found: Explanation, names: tuple[str, ...]) -> Iterator[Finding]:
         yield Finding(
             code,
             Severity.WRONG,
-            f"{reason.replace('{cameras}', who)}. {_numbers(found)}{_rival(found, code, names)}",
+            f"{reason.replace('{cameras}', who)}. {_numbers(found, len(groups))}{_but_for(found, names)}"
+            f"{_rival(found, code, names)}",
             causes[0].remedy,
             1.0,
             camera=names[cameras[0]] if len(cameras) == 1 and found.rival is None else "",
@@ -134,14 +136,23 @@ def _explained(found: Explanation, names: tuple[str, ...]) -> Iterator[Finding]:
         )
 
 
-def _numbers(found: Explanation) -> str:
+def _numbers(found: Explanation, n_causes: int) -> str:
     """What it rests on."""
+    these = "this" if n_causes == 1 else "this and the other causes"
     before_m, after_m = _worst_m(found.before.medians_m), _after_m(found)
     apart = f"by {_length(before_m)}" if np.isfinite(before_m) else "wholly"
     return (
-        f"As it is, cameras miss the body {apart}; with this put right by {_length(after_m)}, in the half of the "
+        f"As it is, cameras miss the body {apart}; with {these} put right by {_length(after_m)}, in the half of the "
         "recording that was not used to find it"
     )
+
+
+def _but_for(found: Explanation, names: tuple[str, ...]) -> str:
+    """Who disagrees even so."""
+    if not found.odd:
+        return ""
+    who = in_words(found.odd, names)
+    return f"; {who} disagrees even so, and what is wrong of it can be told when this is put right"
 
 
 def _rival(found: Explanation, code: Code, names: tuple[str, ...]) -> str:
@@ -173,6 +184,8 @@ def _after_m(found: Explanation) -> float:
 
 
 def _length(length_m: float) -> str:
+    if length_m > _FAR_M:
+        return f"more than {_FAR_M:.0f} m"
     return f"{length_m:.1f} m" if length_m >= 1 else f"{max(round(100 * length_m), 1):.0f} cm"
 
 
@@ -262,15 +275,15 @@ def _no_agreement(geometry: Geometry) -> Finding:
         by = f"see a body whose limbs change their lengths by {100 * unsteady:.0f} %"
     else:
         by = f"{by} ({_USUAL})"
+    alone = ", alone or two of them together" if len(names) > 2 else " alone"
     return Finding(
         Code.NO_AGREEMENT,
         Severity.WRONG,
-        f"The cameras do not agree where the body is: {', '.join(names)} {by}. No known cause was found that alone "
-        "makes them agree: not the size, turning or mirroring of images, the order of cameras, or a convention of "
+        f"The cameras do not agree where the body is: {', '.join(names)} {by}. No known cause was found that makes "
+        f"them agree{alone}: not the size, turning or mirroring of images, the order of cameras, or a convention of "
         "poses",
-        "Is the calibration that of this recording, and are all keypoints of one person? Two causes at once, as "
-        "cameras in another order and mirrored images, are not looked for. Calibrate anew, or with fgpose calibrate "
-        "from the people in it.",
+        "Is the calibration that of this recording, and are all keypoints of one person? Calibrate anew, or with "
+        "fgpose calibrate from the people in it.",
         1.0,
         numbers=numbers,
     )
@@ -301,10 +314,7 @@ def on_the_right_sides(examined: Examined, found: Explanation) -> Explanation:
     everybody = tuple(range(scene.n_cameras))
 
     def leaves_mirrored(causes: Iterable[Hypothesis]) -> bool:
-        mended = scene
-        for cause in causes:
-            mended = cause.mend(mended)
-        return mirrored(consistency(mended).positions_m, examined.main.skeleton)
+        return mirrored(consistency(mended(causes, scene)).positions_m, examined.main.skeleton)
 
     is_mirrored, rival = leaves_mirrored(found.causes), found.rival
     if all(cause.code is Code.EXCHANGED_SIDES for cause in found.causes):
@@ -316,8 +326,16 @@ def on_the_right_sides(examined: Examined, found: Explanation) -> Explanation:
         rival = next((other for other in same if not leaves_mirrored([other])), None)
     if not is_mirrored:
         return replace(found, rival=rival)
-    for other in (*([] if rival is None else [rival]), *mirrored_hypotheses(everybody)):
-        after = SearchState(other.mend(found.before.scene))
-        if not leaves_mirrored([other]) and after.cost < EXPLAINED * found.before.cost:
-            return replace(found, causes=(other,), after=after, rival=None)
+    alone = [(other,) for other in (*([] if rival is None else [rival]), *mirrored_hypotheses(everybody))]
+    for others in (*_with_other_mirroring(found.causes), *alone):
+        after = SearchState(found.of_others(mended(others, found.before.scene)))
+        if not leaves_mirrored(others) and after.cost < EXPLAINED * found.before.cost:
+            return replace(found, causes=others, after=after, rival=None)
     return found
+
+
+def _with_other_mirroring(causes: Causes) -> Iterator[Causes]:
+    """With left and right as they are on the body in mirrored images, or as they are in the mirror."""
+    for place, cause in enumerate(causes):
+        if cause.code is Code.MIRRORED_IMAGE:
+            yield from ((*causes[:place], other, *causes[place + 1 :]) for other in mirrored_hypotheses(cause.cameras))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
@@ -29,6 +29,17 @@ class Hypothesis:
     def named(self, names: tuple[str, ...]) -> str:
         """Whom it is about."""
         return in_words(self.cameras, names)
+
+
+Causes = tuple[Hypothesis, ...]
+"""In the order in which they are put right."""
+
+
+def mended(causes: Iterable[Hypothesis], scene: SynchronousViews) -> SynchronousViews:
+    """What a scene would be without all of these causes."""
+    for cause in causes:
+        scene = cause.mend(scene)
+    return scene
 
 
 def in_words(cameras: Sequence[int], names: tuple[str, ...]) -> str:

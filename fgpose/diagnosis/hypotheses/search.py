@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -13,12 +13,13 @@ from jaxtyping import Int
 from fgpose.diagnosis.hypotheses.cameras import lens_hypotheses, other_focal, pose_hypotheses
 from fgpose.diagnosis.hypotheses.consistency import SPREAD_M, STEADY, Consistency, consistency, unsteadiness
 from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypotheses
-from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
+from fgpose.diagnosis.hypotheses.hypothesis import Causes, Hypothesis, mended
 from fgpose.diagnosis.hypotheses.images import (
     image_hypotheses,
     is_shift,
     shifted,
 )
+from fgpose.diagnosis.hypotheses.pairs import pair_hypotheses
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.diagnosis.hypotheses.sizes import is_common_size, is_part, resized, within_image
 from fgpose.finding import Code
@@ -106,12 +107,18 @@ def _of_cameras(found: Consistency) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 class Explanation:
     """Causes that together make the cameras agree."""
 
-    causes: tuple[Hypothesis, ...]
+    causes: Causes
     before: SearchState
     after: SearchState
     """Both on frames that were not looked at to find the causes."""
     rival: Hypothesis | None
     """One that explains the recording as well; None: there is none."""
+    odd: tuple[int, ...] = ()
+    """Cameras that disagree even so; after is of the others."""
+
+    def of_others(self, scene: SynchronousViews) -> SynchronousViews:
+        """Without the odd ones."""
+        return scene.cameras([c for c in range(scene.n_cameras) if c not in self.odd]) if self.odd else scene
 
 
 def explain(scene: SynchronousViews) -> Explanation | None:
@@ -131,7 +138,50 @@ def explain(scene: SynchronousViews) -> Explanation | None:
             found.append(explanation)
             if explanation.after.cost < _WELL * explanation.before.cost:
                 break
-    return min(found, key=lambda each: each.after.cost) if found else None
+    if found:
+        return min(found, key=lambda each: each.after.cost)
+    if scene.n_cameras > _ENOUGH and (explanation := _found_but_for_one(coarse, fine, judge)) is not None:
+        return explanation
+    return _pair_found(coarse, fine, judge) if scene.n_cameras > 2 else None
+
+
+def _found_but_for_one(coarse: SynchronousViews, fine: SynchronousViews, judge: SynchronousViews) -> Explanation | None:
+    """A cause of all cameras alike with which all but one agree."""
+    ranked = _ranked(fine, _candidates(coarse, (), "everybody"), coarse)
+    chosen = _first_credible(ranked, fine) if ranked else None
+    if chosen is None:
+        return None
+    best, after = ranked[chosen]
+    odd = int(np.argmax(np.nan_to_num(after.consistency.costs, nan=-1.0)))
+    found = Explanation((best,), SearchState(judge), after, None, (odd,))
+    given, put_right = found.of_others(judge), found.of_others(best.mend(judge))
+    after = SearchState(put_right)
+    explained = after.is_normal and after.cost < EXPLAINED * SearchState(given).cost and _all_the_time(given, put_right)
+    return replace(found, after=after) if explained else None
+
+
+def _pair_found(coarse: SynchronousViews, fine: SynchronousViews, judge: SynchronousViews) -> Explanation | None:
+    """Two causes of all cameras that help together only, if no other two do nearly as well."""
+
+    def cost(causes: Causes, scene: SynchronousViews) -> float:
+        return SearchState(mended(causes, scene)).cost
+
+    first = sorted(pair_hypotheses(coarse), key=lambda causes: cost(causes, coarse))[:_FINALISTS]
+    costs = [(cost(causes, fine), causes) for causes in first]
+    best_cost, best = min(costs, key=lambda each: each[0])
+    rivals = [causes for own, causes in costs if own < _CLEARLY * best_cost and _different(causes, best)]
+    before, after = SearchState(judge), SearchState(mended(best, judge))
+    explained = after.is_normal and after.cost < EXPLAINED * before.cost and _all_the_time(judge, after.scene)
+    return Explanation(best, before, after, None) if explained and not rivals else None
+
+
+def _different(some: Causes, others: Causes) -> bool:
+    """But for whether a mirrored image has left and right exchanged, which no ray tells."""
+    told = [
+        [(cause.code, "" if cause.code is Code.MIRRORED_IMAGE else cause.reason) for cause in causes]
+        for causes in (some, others)
+    ]
+    return told[0] != told[1]
 
 
 def _halves(n_frames: int) -> tuple[Int[np.ndarray, " looked_at"], Int[np.ndarray, " held_out"]]:

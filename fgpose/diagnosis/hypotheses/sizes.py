@@ -60,6 +60,13 @@ def size_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterat
             yield resized(scene, cameras, (factor, factor))
 
 
+def simple_size_hypotheses(scene: SynchronousViews, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Smaller or larger by a simple ratio, as programs make images."""
+    for ratio in _RATIOS:
+        yield resized(scene, cameras, (ratio, ratio))
+        yield resized(scene, cameras, (1 / ratio, 1 / ratio))
+
+
 def resized(scene: SynchronousViews, cameras: tuple[int, ...], factor: tuple[float, float]) -> Hypothesis:
     """Keypoints of images of another size; the calibration's is so many times as large."""
     calibrated_px = _calibrated_px(scene.views[cameras[0]])

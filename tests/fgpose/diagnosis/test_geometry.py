@@ -253,6 +253,73 @@ def test_two_cameras_of_which_one_has_the_keypoints_of_a_third() -> None:
     assert findings[0].severity is not Severity.NOTE
 
 
+def everywhere(change):
+    return lambda seen: changed(seen, change, tuple(range(seen.n_cameras)))
+
+
+def exchanged(seen: Observations) -> Observations:
+    order = [1, 0, *range(2, seen.n_cameras)]
+    return with_points(seen, seen.points2d_px[:, order], order)
+
+
+@pytest.mark.parametrize(
+    ("damage", "pose", "causes"),
+    [
+        pytest.param(
+            lambda seen: exchanged(everywhere(mirrored)(seen)),
+            lambda pose: pose,
+            {Code.MIRRORED_IMAGE: "mirrored", Code.EXCHANGED_CAMERAS: "cam1 and cam2 are exchanged"},
+            id="mirrored and exchanged",
+        ),
+        pytest.param(
+            everywhere(lambda points_px: turned_clockwise(points_px) / 2),
+            lambda pose: pose,
+            {Code.IMAGE_SIZE: "960x540", Code.TURNED_IMAGE: "90 degrees clockwise"},
+            id="turned and half as large",
+        ),
+        pytest.param(
+            exchanged,
+            lambda pose: pose @ OPENGL,
+            {Code.CAMERA_AXES: "OpenGL", Code.EXCHANGED_CAMERAS: "cam1 and cam2 are exchanged"},
+            id="exchanged, and axes of OpenGL",
+        ),
+        pytest.param(
+            lambda seen: exchanged(everywhere(lambda points_px: points_px / np.array(SIZE_PX))(seen)),
+            np.linalg.inv,
+            None,
+            id="three causes",
+        ),
+    ],
+)
+@pytest.mark.parametrize("n_cameras", [4, pytest.param(6, marks=pytest.mark.slow)])
+def test_two_causes_that_help_together_only(n_cameras: int, damage, pose, causes: dict[Code, str] | None) -> None:
+    rig = room(n_cameras, seed=3)
+    findings = found(damage(recorded(rig)), posed(rig, pose))
+    if causes is None:
+        assert [finding.code for finding in findings] == [Code.NO_AGREEMENT]
+        return
+    assert {finding.code for finding in findings} == causes.keys()
+    assert all(causes[finding.code] in finding.reason for finding in findings)
+    # Three cameras that see the same motion agree to centimetres.
+    assert all("with this and the other causes put right" in finding.reason for finding in findings)
+    assert all(finding.numbers["after_m"] < 0.05 for finding in findings)
+
+
+def test_a_cause_of_all_is_told_though_one_camera_was_moved_too(seen: Observations, rig: CameraRig) -> None:
+    half = everywhere(lambda points_px: points_px / 2)(seen)
+    finding = only(half, turned(rig, 1, 12.0))
+    assert finding.code is Code.IMAGE_SIZE
+    assert finding.numbers["factor_x"] == pytest.approx(2.0, rel=0.01)  # what tells it are errors of real detectors
+    assert "cam2 disagrees even so" in finding.reason
+
+
+def test_the_middle_of_images_half_as_large(seen: Observations, rig: CameraRig) -> None:
+    finding = only(everywhere(lambda points_px: (points_px - np.array([240.0, 0.0])) / 2)(seen), rig)
+    assert finding.code is Code.IMAGE_SIZE
+    assert "720x540" in finding.reason
+    assert finding.remedy == "Multiply the keypoints by 2 and add +240 to x and +0 to y."
+
+
 def test_a_camera_that_stands_elsewhere(seen: Observations, rig: CameraRig) -> None:
     finding = only(seen, turned(rig, 1, 40.0, right_m=0.6))
     assert (finding.code, finding.camera) == (Code.WRONG_CAMERA, "cam2")
