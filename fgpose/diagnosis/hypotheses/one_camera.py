@@ -9,8 +9,9 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.hypotheses.consistency import STEADY, consistency, unsteadiness
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 
@@ -62,7 +63,8 @@ def why_odd(sample: SynchronousViews, dense: SynchronousViews, camera: int, othe
     rate = _rate_that_fits(dense_view, dense_m, dense.time_s, _NEAR_RATES, _STRETCHES // 2)
     if rate is not None:
         return OddCamera(Why.RATE, rate=rate)
-    view, joints_m = sample.views[camera], consistency(sample.cameras(others)).positions_m
+    agreed = consistency(sample.cameras(others))
+    view, joints_m = sample.views[camera], agreed.positions_m
     if _fits_for_a_while(_missed_m(view, joints_m)):
         return OddCamera(Why.FOR_A_WHILE)
     if _fits_at_another_time(dense_view, dense_m, dense.time_s):
@@ -70,7 +72,7 @@ def why_odd(sample: SynchronousViews, dense: SynchronousViews, camera: int, othe
     rate = _rate_that_fits(dense_view, dense_m, dense.time_s, _RATES, 2)
     if rate is not None:
         return OddCamera(Why.RATE, rate=rate)
-    pose = _pose_that_fits(view, joints_m)
+    pose = _pose_that_fits(view, joints_m, agreed.median_m)
     if pose is None:
         return OddCamera(Why.DISTORTED if _moves_alike(dense_view, dense_m) else Why.UNKNOWN)
     move = np.linalg.inv(view.camera.world_T_camera) @ pose
@@ -186,8 +188,10 @@ def _moves_alike(view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"])
     return bool(found) and float(np.median(found)) > _ALIKE
 
 
-def _pose_that_fits(view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "4 4"] | None:
-    """From the stretches with even numbers, if those with odd ones agree."""
+def _pose_that_fits(
+    view: CameraView, joints_m: Float[np.ndarray, "frame joint 3"], sigma_m: float
+) -> Float[np.ndarray, "4 4"] | None:
+    """From the stretches with even numbers, if those with odd ones agree; joints are known to so much."""
     import cv2
 
     known = np.isfinite(joints_m).all(axis=-1) & np.isfinite(view.in_camera).all(axis=-1)
@@ -206,6 +210,42 @@ def _pose_that_fits(view: CameraView, joints_m: Float[np.ndarray, "frame joint 3
         return None
     camera_T_world = np.eye(4)
     camera_T_world[:3, :3], camera_T_world[:3, 3] = cv2.Rodrigues(rotation)[0], t_m.ravel()
-    pose = np.linalg.inv(camera_T_world)
-    held_out = _missed_m(view.at(pose), joints_m)[known & ~used]
-    return pose if np.median(held_out) < _FITS_M else None
+    for pose in (_least_moved(view, joints_m, used, camera_T_world, sigma_m), np.linalg.inv(camera_T_world)):
+        held_out = _missed_m(view.at(pose), joints_m)[known & ~used]
+        if np.median(held_out) < _FITS_M:
+            return pose
+    return None
+
+
+def _least_moved(
+    view: CameraView,
+    joints_m: Float[np.ndarray, "frame joint 3"],
+    used: Bool[np.ndarray, "frame joint"],
+    camera_T_world: Float[np.ndarray, "4 4"],
+    sigma_m: float,
+) -> Float[np.ndarray, "4 4"]:
+    """The most probable pose, where bumps are the more probable the smaller they are: somebody who hardly leaves the
+    middle of the image tells turns and moves to the side hardly apart, and what the others are wrong by makes one look
+    like the other. Joints of one stretch of time are wrong alike, so each stretch counts once."""
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
+
+    given = view.camera.camera_T_world
+    points_m, seen = joints_m[used], view.in_camera[used][:, :2] / view.in_camera[used][:, 2:]
+    weight = np.sqrt(_STRETCHES / len(points_m))
+
+    def errors(change: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " residual"]:
+        in_camera = Rotation.from_rotvec(change[:3]).apply(points_m @ given[:3, :3].T + given[:3, 3]) + change[3:]
+        depth_m = np.maximum(in_camera[:, 2:], 0.1)
+        missed_m = depth_m * (in_camera[:, :2] / depth_m - seen)
+        length_m = np.linalg.norm(missed_m, axis=-1)
+        robust = np.sqrt(2 * (np.sqrt(1 + (length_m / sigma_m) ** 2) - 1))  # pseudo-Huber
+        bump = np.array([np.linalg.norm(change[:3]) / np.deg2rad(BUMP_DEG), np.linalg.norm(change[3:]) / BUMP_M])
+        return np.concatenate([weight * robust, np.sqrt(np.log1p(bump**2))])  # Cauchy: another place may be any
+
+    fitted = camera_T_world @ np.linalg.inv(given)
+    starts = (np.zeros(6), np.concatenate([Rotation.from_matrix(fitted[:3, :3]).as_rotvec(), fitted[:3, 3]]))
+    change = min((least_squares(errors, start) for start in starts), key=lambda found: found.cost).x
+    moved = np.eye(4)
+    moved[:3, :3], moved[:3, 3] = Rotation.from_rotvec(change[:3]).as_matrix(), change[3:]
+    return np.linalg.inv(moved @ given)

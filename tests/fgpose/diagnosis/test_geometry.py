@@ -336,6 +336,20 @@ def test_a_bump_is_not_called_a_wrong_calibration(seen: Observations, rig: Camer
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("late_frames", [0, 6])
+def test_a_bump_is_told_by_its_size_where_somebody_stands_in_one_place(
+    seen: Observations, rig: CameraRig, late_frames: int
+) -> None:
+    """By 2.5 degrees and 3 cm. Turned by 11 degrees and moved by 0.8 m the camera fits as well, to the centimetres that
+    detectors err by; more so where one of the others is late."""
+    points_px = seen.points2d_px.copy()
+    points_px[late_frames:, 0] = seen.points2d_px[: seen.n_frames - late_frames, 0]
+    finding = only(with_points(seen, points_px), turned(rig, 2, 2.5, right_m=0.03))
+    assert finding.code is Code.MOVED_CAMERA
+    assert finding.numbers["rotation_deg"] == pytest.approx(2.5, abs=1.0)
+    assert finding.numbers["translation_m"] < 0.1
+
+
 def test_a_bump_is_not_called_another_lens() -> None:
     """Over the whole time another focal length makes the cameras agree better, before the bump worse."""
     clips = [[embedded_motion(name) for name in names] for names in (["cmu_02_01_short"], ["cmu_02_07_a", "cmu_02_10"])]
