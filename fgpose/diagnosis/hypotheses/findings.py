@@ -18,8 +18,9 @@ from fgpose.diagnosis.hypotheses.geometry import Geometry
 from fgpose.diagnosis.hypotheses.hypothesis import Causes, Hypothesis, in_words, mended
 from fgpose.diagnosis.hypotheses.images import mirrored_hypotheses
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, Why
-from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation, SearchState
+from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation
 from fgpose.diagnosis.hypotheses.since_a_moment import SinceAMoment, since_a_moment
+from fgpose.diagnosis.hypotheses.state import SearchState
 from fgpose.diagnosis.swapped_sides import exchanged_in_images
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import spread_evenly

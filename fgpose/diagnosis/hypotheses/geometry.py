@@ -17,14 +17,15 @@ from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.images import turned_hypotheses
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, clocks_differ, why_odd
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews
-from fgpose.diagnosis.hypotheses.search import EXPLAINED, NORMAL_M, Explanation, SearchState, explain
+from fgpose.diagnosis.hypotheses.search import EXPLAINED, Explanation, explain
+from fgpose.diagnosis.hypotheses.state import NORMAL_M, SearchState
 from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
 
 Scene = Callable[[Int[np.ndarray, " sample"]], SynchronousViews]
 
 _FRAMES = 120
-# Two cameras whose rays pass each other by this are not of one recording: see search.NORMAL_M.
+# Two cameras whose rays pass each other by this are not of one recording: see state.NORMAL_M.
 _FAR_M = 0.12
 # Of two cameras that agree where occluders hide a third of the joints it is 53 mm.
 _HARDLY_M = 0.1

@@ -15,7 +15,7 @@ from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.hypotheses.consistency import STEADY, consistency, unsteadiness
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
 
-# Half of the rays of a camera that agrees pass the joints of the others by less (search.NORMAL_M).
+# Half of the rays of a camera that agrees pass the joints of the others by less (state.NORMAL_M).
 _FITS_M = 0.07
 _STRETCHES = 8  # of the time, each judged by itself
 _LEAST_JOINTS = 20

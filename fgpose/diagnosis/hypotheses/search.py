@@ -4,30 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Int
 
 from fgpose.diagnosis.hypotheses.cameras import lens_hypotheses, other_focal, pose_hypotheses
-from fgpose.diagnosis.hypotheses.consistency import SPREAD_M, STEADY, Consistency, consistency, unsteadiness
+from fgpose.diagnosis.hypotheses.consistency import SPREAD_M
 from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypotheses
 from fgpose.diagnosis.hypotheses.hypothesis import Causes, Hypothesis, mended
-from fgpose.diagnosis.hypotheses.images import (
-    image_hypotheses,
-    is_shift,
-    shifted,
-)
+from fgpose.diagnosis.hypotheses.images import image_hypotheses, is_shift, shifted
 from fgpose.diagnosis.hypotheses.pairs import pair_hypotheses
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.diagnosis.hypotheses.sizes import is_common_size, is_part, resized, within_image
+from fgpose.diagnosis.hypotheses.state import NORMAL_M, SearchState
 from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
 
-# Half of the rays of each camera pass the joint by this: real recordings have 6 to 32 mm (embedded ones, with
-# calibrations that are off by up to 60 mm), 53 mm where occluders hide a third of the joints.
-NORMAL_M = 0.06
 _NORMAL_OF_MANY_M = 0.03  # of two cameras of a right rig; the best of many turns of exchanged ones leaves 50 mm
 # A cause is found if what is left of the cost is this share of it; the next best other one has to leave so many times
 # as much.
@@ -38,12 +31,9 @@ _OTHER_SIZE = 0.15, 0.3
 _NEARLY, _HARDLY = 1.1, 0.1  # times the cost that the best leaves, and of the cost
 _WELL = 0.2  # of the cost: what leaves more may have another cause
 _STEP = 0.85  # share of the cost that a first of several causes may leave, where each is of one camera
-_STEADY_OF_MORE = 0.4
 # Costs of thirds of the time with a cause that is there all the time are smaller, but for chance. A camera that was
 # bumped by 2 degrees after 60 % of the time agrees better with another focal length, with twice the cost before.
 _WORSE, _BY_CHANCE = 1.25, 0.005
-# What occluders or a bumped camera do is looked at more closely.
-_CLEAN_SHARE, _CLEAN_M = 0.85, 0.045
 _ENOUGH = 3  # cameras that agree are not all wrong alike
 _COARSE_FRAMES, _FINE_FRAMES, _COARSE_JOINTS = 14, 40, 8
 _FINALISTS = 10
@@ -52,55 +42,6 @@ _SIZE = 1.8  # children are half as large as the largest, and crouch
 
 Whom = Literal["odd", "everybody", "each", "any"]
 """Whose input is wrong: see _candidates; any: of all alike or of each by itself."""
-
-
-@dataclass(frozen=True, eq=False)
-class SearchState:
-    """A scene with what its cameras make of it."""
-
-    scene: SynchronousViews
-
-    @cached_property
-    def consistency(self) -> Consistency:
-        return consistency(self.scene)
-
-    @cached_property
-    def unsteadiness(self) -> float:
-        return unsteadiness(self.consistency.positions_m, self.scene.limbs)
-
-    @cached_property
-    def cost(self) -> float:
-        """Of the rays, on a body that is as large as the given one, and of the limbs: two cameras agree on much that is
-        no body."""
-        unsteady = min(self.unsteadiness, 1.0) if np.isfinite(self.unsteadiness) else float(self.scene.shows_limbs)
-        rays = self.consistency.cost_if_larger(self.scene.shrunk)
-        return (rays if np.isfinite(rays) else 1.0) + 0.5 * max(unsteady - STEADY / 2, 0.0)
-
-    @cached_property
-    def medians_m(self) -> np.ndarray:
-        """Of the distances of each camera; NaN where nothing can be judged."""
-        own = [np.sort(each[mask]) for each, mask in _of_cameras(self.consistency)]
-        return np.array([each[len(each) // 2] if len(each) else np.nan for each in own])
-
-    @property
-    def is_normal(self) -> bool:
-        """Whether it is as in recordings in which nothing is wrong."""
-        medians_m = self.medians_m[~np.isnan(self.medians_m)]
-        steady = not self.unsteadiness > (STEADY if self.scene.n_cameras == 2 else _STEADY_OF_MORE)
-        return bool(medians_m.size) and bool((medians_m < NORMAL_M).all()) and steady
-
-    @property
-    def is_clean(self) -> bool:
-        """Whether no cause need be looked for: nothing is hidden, and nothing wrong."""
-        clean = (self.consistency.shares > _CLEAN_SHARE) | ~self.consistency.judged.any(axis=(0, 1))
-        small = (self.medians_m < _CLEAN_M) | np.isnan(self.medians_m)
-        steady = self.scene.n_cameras > 2 or not self.unsteadiness > STEADY
-        return bool(self.consistency.judged.any() and clean.all() and small.all()) and steady
-
-
-def _of_cameras(found: Consistency) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    for c in range(found.distance_m.shape[-1]):
-        yield found.distance_m[..., c], found.judged[..., c]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,14 +81,21 @@ def explain(scene: SynchronousViews) -> Explanation | None:
                 break
     if found:
         return min(found, key=lambda each: each.after.cost)
-    if scene.n_cameras > _ENOUGH and (explanation := _found_but_for_one(coarse, fine, judge)) is not None:
-        return explanation
+    if scene.n_cameras > _ENOUGH:
+        for whom in ("everybody", "each"):
+            if (explanation := _found_but_for_one(coarse, fine, judge, whom)) is not None:
+                return explanation
     return _pair_found(coarse, fine, judge) if scene.n_cameras > 2 else None
 
 
-def _found_but_for_one(coarse: SynchronousViews, fine: SynchronousViews, judge: SynchronousViews) -> Explanation | None:
-    """A cause of all cameras alike with which all but one agree."""
-    ranked = _ranked(fine, _candidates(coarse, (), "everybody"), coarse)
+def _found_but_for_one(
+    coarse: SynchronousViews, fine: SynchronousViews, judge: SynchronousViews, whom: Whom
+) -> Explanation | None:
+    """A cause with which all but one camera agree. Of another lens too much can be made agree, where one more camera
+    is left out, and of one camera also of another size."""
+    unlikely = (Code.WRONG_LENS,) if whom == "everybody" else (Code.WRONG_LENS, Code.IMAGE_SIZE)
+    candidates = [each for each in _candidates(coarse, (), whom) if each.code not in unlikely]
+    ranked = _ranked(fine, candidates, coarse)
     chosen = _first_credible(ranked, fine) if ranked else None
     if chosen is None:
         return None
@@ -157,7 +105,7 @@ def _found_but_for_one(coarse: SynchronousViews, fine: SynchronousViews, judge: 
     given, put_right = found.of_others(judge), found.of_others(best.mend(judge))
     after = SearchState(put_right)
     explained = after.is_normal and after.cost < EXPLAINED * SearchState(given).cost and _all_the_time(given, put_right)
-    return replace(found, after=after) if explained else None
+    return replace(found, after=after) if explained and best.cameras != (odd,) else None
 
 
 def _pair_found(coarse: SynchronousViews, fine: SynchronousViews, judge: SynchronousViews) -> Explanation | None:

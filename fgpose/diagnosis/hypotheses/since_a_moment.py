@@ -19,7 +19,8 @@ from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
 from fgpose.diagnosis.hypotheses.images import mirrored_hypotheses
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews
-from fgpose.diagnosis.hypotheses.search import EXPLAINED, SearchState
+from fgpose.diagnosis.hypotheses.search import EXPLAINED
+from fgpose.diagnosis.hypotheses.state import SearchState
 
 # Of the frames that are looked at (two minutes of each hour, all of a few seconds), and of the time.
 _FEWEST, _LEAST_S = 12, 2.0
