@@ -42,26 +42,36 @@ _BENT_RAD = 0.005  # 2 cm at 4 m
 
 def is_clear(fit: ClockFit | PoseFit | LensFit) -> bool:
     """Whether it is better by more than chance."""
-    clear = score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
-    return clear and not (isinstance(fit, ClockFit) and _is_of_few_seconds(fit))
+    return is_better(fit.gain) and not (isinstance(fit, ClockFit) and _is_of_few_seconds(fit))
+
+
+def is_better(gain: Float[np.ndarray, " block"]) -> bool:
+    """Whether what did not enter is better by more than chance."""
+    return score(gain) > _SCORE and float(gain.sum()) > _GAIN
+
+
+def is_of_several_seconds(gain: Float[np.ndarray, " block"]) -> bool:
+    """The same, and whether one second is not all that it is made of, as where somebody who stood begins to move."""
+    return is_better(gain) and score(_without_best(gain)) > _SIGMAS
 
 
 def _is_of_few_seconds(fit: ClockFit) -> bool:
     """Whether a second or two may be all that it is made of: where a detector misses the person for moments, all joints
     suit some lag, of each moment another one; and of a few of them some line. Of who stands still and then moves, the
     second between suits some jump."""
-    without_best = _without_best(fit.gain)
+    of_others = _without_best(fit.gain)
     if fit.kind is Kind.JUMP:
         parts = zip((0, *fit.firsts), (*fit.firsts, len(fit.lag)), strict=True)
         late = [fit.gain[first:end] for first, end in parts if abs(fit.lag[first]) > _LATE_STEPS]
         if any(score(_without_best(gain)) < _SIGMAS for gain in late):
             return True
-    of_one = fit.kind is not Kind.OFFSET and score(without_best) < _SCORE
-    gain = without_best if fit.kind is Kind.JUMP else fit.gain
+    of_one = fit.kind is not Kind.OFFSET and score(of_others) < _SCORE
+    gain = of_others if fit.kind is Kind.JUMP else fit.gain
     return of_one or float(gain.sum()) < _SIGMAS * fit.by_chance
 
 
 def _without_best(gain: Float[np.ndarray, " block"]) -> Float[np.ndarray, " other"]:
+    """Of all blocks but the one that gains most."""
     return np.delete(gain, np.argmax(gain))
 
 

@@ -20,6 +20,7 @@ from fgpose.calibration.changes.credible import (
 )
 from fgpose.calibration.changes.lag_costs import BLOCK_S, PER_STEP, LagCosts, somebody_walks
 from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
+from fgpose.calibration.changes.lost_images.lost_images import lost_images
 from fgpose.calibration.changes.placed import placed
 from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fits
 from fgpose.calibration.changes.rays import Rays
@@ -71,22 +72,49 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     step_s = min(usual_step_s(own.frame_time_s) for own in people)
     begin_s = min(float(own.frame_time_s[0]) for own in people)
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
+    compared = rig.n_cameras >= 2 and bool(step_s < _LONGEST_STEP_S) and _compared(people)
+    if not compared:
+        return Changes((), step_s, duration_s, compared)
+    changes, lenses = _one_by_one(people, rig, step_s)
+    poses, clocks = _by_cause(changes)
+    seen_through = _with_lenses(rig, lenses)
+    jumps = lost_images(Comparison.of(people, seen_through, step_s, poses), clocks)
+    if jumps:
+        # Clocks that jump again and again look like moved cameras and other lenses: these are looked for beside them.
+        changes, lenses = _one_by_one(people, rig, step_s, jumps)
+        poses, seen_through = _by_cause(changes)[0], _with_lenses(rig, lenses)
+        changes = [*(lost_images(Comparison.of(people, seen_through, step_s, poses), clocks) or jumps), *poses]
+    agree = bool(lenses) and _all_agree(Comparison.of(people, seen_through, step_s, changes))
+    return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses), agree)
+
+
+def _one_by_one(
+    people: Sequence[Observations], rig: CameraRig, step_s: float, clocks: Sequence[Change] = ()
+) -> tuple[list[Change], list[LensFit]]:
+    """One change after the other, the clearest first; beside clocks that are known, of poses and lenses only."""
     groups: list[list[Change]] = []
     lenses: list[LensFit] = []
-    compared = rig.n_cameras >= 2 and bool(step_s < _LONGEST_STEP_S) and _compared(people)
-    if compared:
-        for _ in range(_MAX_CHANGES):
-            found = _next(Comparison.of(people, rig, step_s, _of_all(groups)))
-            if not found:
-                break
-            if isinstance(found, LensFit):
-                lenses.append(found)
-                rig = with_lens(rig, found)
-            else:
-                groups = _settled(people, rig, [*groups, found], step_s)
-    changes = _of_all(groups)
-    agree = bool(lenses) and _all_agree(Comparison.of(people, rig, step_s, changes))
-    return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses), agree)
+    for _ in range(_MAX_CHANGES):
+        found = _next(Comparison.of(people, rig, step_s, [*clocks, *_of_all(groups)]), clocks=not clocks)
+        if not found:
+            break
+        if isinstance(found, LensFit):
+            lenses.append(found)
+            rig = with_lens(rig, found)
+        else:
+            groups = _settled(people, rig, [*groups, found], step_s, clocks)
+    return _of_all(groups), lenses
+
+
+def _by_cause(changes: Sequence[Change]) -> tuple[list[Change], list[Change]]:
+    """Of poses and of clocks."""
+    return [each for each in changes if not each.is_of_clock], [each for each in changes if each.is_of_clock]
+
+
+def _with_lenses(rig: CameraRig, lenses: Sequence[LensFit]) -> CameraRig:
+    for each in lenses:
+        rig = with_lens(rig, each)
+    return rig
 
 
 def _of_all(groups: Sequence[Sequence[Change]]) -> list[Change]:
@@ -94,7 +122,11 @@ def _of_all(groups: Sequence[Sequence[Change]]) -> list[Change]:
 
 
 def _settled(
-    people: Sequence[Observations], rig: CameraRig, groups: list[list[Change]], step_s: float
+    people: Sequence[Observations],
+    rig: CameraRig,
+    groups: list[list[Change]],
+    step_s: float,
+    clocks: Sequence[Change] = (),
 ) -> list[list[Change]]:
     """What was found, each looked for again beside the others until all stay: it was measured by cameras of which some
     were wrong themselves, so that it may be another change of its camera, at another time, or none."""
@@ -104,7 +136,7 @@ def _settled(
             break
         # What is found goes to the end: the one that was fitted longest ago comes first.
         former, *groups = groups
-        found = _again(Comparison.of(people, rig, step_s, _of_all(groups)), former[0])
+        found = _again(Comparison.of(people, rig, step_s, [*clocks, *_of_all(groups)]), former[0])
         groups = [*groups, found] if found else groups
         n_steady = n_steady + 1 if _are_alike(found, former, people) else min(len(found), 1)
     return groups
@@ -122,13 +154,13 @@ def _compared(people: Sequence[Observations]) -> bool:
     return by_two > 2 * MIN_BLOCKS * BLOCK_S
 
 
-def _next(compared: Comparison) -> list[Change] | LensFit:
-    """The clearest change on top of others; none if there is no other."""
+def _next(compared: Comparison, *, clocks: bool) -> list[Change] | LensFit:
+    """The clearest change on top of others, with clocks also of these; none if there is no other."""
     rays, costs = compared.rays, compared.costs()
     walks = somebody_walks(rays, compared.blocks)
     each_camera = range(compared.rig.n_cameras)
     candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, walks=walks)]
-    candidates += [each for c in each_camera for each in _clocks_of(costs, c, compared.step_s)]
+    candidates += [each for c in each_camera if clocks for each in _clocks_of(costs, c, compared.step_s)]
     fits = lens_fits(rays, costs, compared.rig) if walks else []
     fits = [fit for fit in fits if is_clear(_of_motion(fit, costs)) and lens_matters(fit) and holds(fit)]
     # What needs no number goes before what does.

@@ -206,6 +206,25 @@ def lag_costs(rays: Rays, blocks: Blocks, n_lags: int, of_camera: int | None = N
 def _of_pair(
     rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int, moved: Float[np.ndarray, "2 sample joint 3"]
 ) -> tuple[Float[np.ndarray, "block lag"], float, Float[np.ndarray, "block joint"]]:
+    cost, weight, scale, share = costs_of_samples(rays, blocks, (a, b), n_lags, moved)
+    return _finer(_by_block(cost, weight, blocks) * independent(blocks)), scale, share
+
+
+def costs_of_samples(
+    rays: Rays, blocks: Blocks, pair: tuple[int, int], n_lags: int, moved: Float[np.ndarray, "2 sample joint 3"]
+) -> tuple[
+    Float[np.ndarray, "sample lag joint"],
+    Float[np.ndarray, "sample lag joint"],
+    float,
+    Float[np.ndarray, "block joint"],
+]:
+    """Of two cameras: what the angle of each sample costs at every lag, and how much it counts as far as the joint
+    moves; the standard deviation of the angles, radians; and how far it moves.
+
+    Args:
+        moved: displacements of both.
+    """
+    a, b = pair
     angles, weight = _angles(rays, blocks, a, b, n_lags)
     scale = _scale(angles, blocks)
     by_errors = min(scale, _PER_FLUCTUATION * _scale(angles, blocks, about_mean=True))
@@ -213,8 +232,7 @@ def _of_pair(
     n_reach = int(np.ceil(n_lags * rays.step_s / blocks.length_s))
     share = motion_share(moved, rays.direction[a, blocks.index], baseline_m, blocks.block, n_reach, by_errors)
     weight *= share[blocks.block][:, None]
-    angles = robust(angles, scale)  # in their place: of an hour each takes 20 MB
-    return _finer(_by_block(angles, weight, blocks) * independent(blocks)), scale, share
+    return robust(angles, scale), weight, scale, share  # of an hour each takes 20 MB
 
 
 def _angles(

@@ -12,7 +12,7 @@ from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import LEAST_S, Changes, find_changes
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.changes.in_words import CLOCKS, POSES, earliest_and_latest, moment, use
-from fgpose.diagnosis.changes.late_cameras import late_camera, late_throughout, lost_frames, other_rate
+from fgpose.diagnosis.changes.late_cameras import late_camera, late_throughout, lost_images, other_rate
 from fgpose.diagnosis.changes.other_lenses import or_the_other, other_lenses
 from fgpose.diagnosis.changes.unsteady_cameras import unsteady_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
@@ -103,7 +103,7 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
     return [
         *other_lenses(found.lenses, names),
         *(late_throughout(each, found, names, together) for each in late),
-        *(lost_frames(each, found, names, together) for each in of_kind[Kind.JUMP]),
+        *lost_images(found, names, together),
         *(other_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
         *_moved_cameras(of_kind[Kind.MOVED], names, together),
         *_bumped_cameras(of_kind[Kind.BUMP], names, together),

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from fgpose.calibration.changes.change import Change
+import numpy as np
+
+from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.comparison import MAX_LAG_S
 from fgpose.calibration.changes.find_changes import Changes
 from fgpose.diagnosis.body.joint_names import in_a_row
@@ -18,6 +20,9 @@ _AT_THE_END = 0.95  # of the lags that were tried
 _NTSC = (9e-4, 1.1e-3)
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
+_ONE_BY_ONE = 2  # losses of a camera that are told each by itself
+_MOST_TOLD = 8
+_APART_S = 2.0  # jumps are located to a second, either way
 
 
 def late_camera(
@@ -67,7 +72,68 @@ def _clocks_of_others(found: Changes, names: Sequence[str]) -> str:
     return f"the clock{'s' if len(same) > 1 else ''} of {in_a_row(same)}"
 
 
-def lost_frames(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
+def lost_images(found: Changes, names: Sequence[str], together: bool) -> list[Finding]:
+    """One by one, unless there are so many that their moments are told together: of one camera, or of several."""
+    jumps = sorted((each for each in found.changes if each.kind is Kind.JUMP), key=lambda each: each.at_s)
+    of_camera = {c: [each for each in jumps if each.camera == c] for c in sorted({each.camera for each in jumps})}
+    if len(of_camera) > 1 and len(jumps) > 2 * len(of_camera):
+        return [_lost_by_several(of_camera, found, names, together)]
+    findings = []
+    for c, own in of_camera.items():
+        if len(own) > _ONE_BY_ONE:
+            findings.append(_lost_again(names[c], own, found, together))
+        else:
+            findings += [_lost_at_once(each, found, names, together) for each in own]
+    return findings
+
+
+def _lost_again(name: str, jumps: Sequence[Change], found: Changes, together: bool) -> Finding:
+    total = sum(each.offset_s for each in jumps)
+    reason = (
+        f"{name} lost images {len(jumps)} times, {total / found.step_s:.0f} frames ({1000 * total:.0f} ms) in all, and "
+        f"those after them were numbered on without a gap: {_moments(jumps, found)}"
+    )
+    return _lost(reason, jumps, found, together, name)
+
+
+def _lost_by_several(
+    of_camera: Mapping[int, Sequence[Change]], found: Changes, names: Sequence[str], together: bool
+) -> Finding:
+    each = "; ".join(f"{names[c]} {_moments(own, found)}" for c, own in of_camera.items())
+    jumps = [change for own in of_camera.values() for change in own]
+    reason = (
+        "Images were lost again and again, and those after them numbered on without a gap. Measured by each other, "
+        f"cameras lost {each}. What all lost at once is not seen, and does no harm"
+    )
+    return _lost(reason, jumps, found, together, "")
+
+
+def _moments(jumps: Sequence[Change], found: Changes) -> str:
+    told = [f"{each.offset_s / found.step_s:.0f} at {each.at_s:.1f} s" for each in jumps]
+    return in_a_row(told[:_MOST_TOLD]) if len(told) <= _MOST_TOLD else f"{', '.join(told[:_MOST_TOLD])}, and so on"
+
+
+def _lost(reason: str, jumps: Sequence[Change], found: Changes, together: bool, camera: str) -> Finding:
+    sigma_s = float(np.sqrt(np.mean([each.sigma**2 for each in jumps])))
+    use_clocks = f"{use(CLOCKS, POSES, together=together)} It undoes these jumps, each to about {1000 * sigma_s:.0f} ms"
+    if found.duration_s < _APART_S * len(jumps):
+        left = "so many are hardly told one from another, and some are missed: better give the times of the images."
+    else:
+        left = "a constant offset or another rate would be wrong. Or give the times of the images."
+    numbers = {
+        "jumps": float(len(jumps)),
+        "frames": sum(each.offset_s for each in jumps) / found.step_s,
+        "sigma_s": sigma_s,
+        "cameras": float(len({each.camera for each in jumps})),
+    }
+    since_s = min(each.at_s for each in jumps)
+    remedy = f"{use_clocks}; {left}"
+    return Finding(
+        Code.LOST_FRAMES, Severity.WRONG, reason, remedy, 0.8, camera=camera, from_s=since_s, numbers=numbers
+    )
+
+
+def _lost_at_once(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
     name, frames = names[change.camera], change.offset_s / found.step_s
     number = f"{abs(frames):.0f} frame{'s' if abs(frames) >= 1.5 else ''}"
     sizes = f"({1000 * abs(change.offset_s):.0f} +/- {1000 * change.sigma:.0f} ms)"

@@ -28,6 +28,22 @@ def test_lost_frames() -> None:
     assert "--estimate-time-offsets" in finding.remedy
 
 
+def test_images_that_are_lost_again_and_again_are_told_together() -> None:
+    jumps = [Change(Kind.JUMP, 1, at_s=at_s, offset_s=0.1, sigma=0.01) for at_s in (3.0, 70.0, 150.0)]
+    (of_one,) = said(*jumps)
+    assert (of_one.camera, of_one.from_s, of_one.numbers["frames"]) == ("middle", 3.0, pytest.approx(9))
+    assert "middle lost images 3 times, 9 frames (300 ms) in all" in of_one.reason
+    assert "3 at 3.0 s, 3 at 70.0 s and 3 at 150.0 s" in of_one.reason
+    assert "to about 10 ms; a constant offset or another rate would be wrong" in of_one.remedy
+    more = [Change(Kind.JUMP, 2, at_s=float(at_s), offset_s=1 / 30, sigma=0.01) for at_s in range(10, 130)]
+    (of_several,) = said(*jumps, *more)
+    assert (of_several.code, of_several.camera) == (Code.LOST_FRAMES, "")
+    assert "middle 3 at 3.0 s" in of_several.reason
+    assert "right 1 at 10.0 s" in of_several.reason
+    assert "1 at 17.0 s, and so on" in of_several.reason
+    assert "better give the times of the images" in of_several.remedy
+
+
 def test_a_time_that_is_hardly_known_is_an_interval() -> None:
     jump = Change(Kind.JUMP, 1, at_s=20.0, offset_s=0.2, sigma=0.002)
     (known,), (doubtful,) = (said(replace(jump, between_s=each)) for each in ((19.0, 21.0), (16.2, 21.5)))
