@@ -10,7 +10,7 @@ import numpy as np
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.clock_changes import ClockFit, score
 from fgpose.calibration.changes.credible import NOTICEABLE_FRAMES, WHOLE_FRAMES
-from fgpose.calibration.changes.pose_changes import PoseFit
+from fgpose.calibration.changes.poses.pose_changes import PoseFit
 
 CLEARLY = 1.08
 """A more complicated change must be better by this than a simpler one."""
@@ -56,7 +56,9 @@ def _n_parameters(candidate: Candidate, frame: float) -> int:
     fit, n_of_jumps = candidate.fit, 0
     if isinstance(fit, ClockFit):
         n_of_jumps = 2 * len(fit.firsts) + int(abs(fit.lag[0]) > NOTICEABLE_FRAMES * frame)
-    return {Kind.OFFSET: 1, Kind.JUMP: n_of_jumps, Kind.RATE: 2, Kind.MOVED: 0, Kind.BUMP: 1}[candidate.change.kind]
+    n_of_bump = 1 if isinstance(fit, ClockFit) or fit.end_edges is None else 2
+    n = {Kind.OFFSET: 1, Kind.JUMP: n_of_jumps, Kind.RATE: 2, Kind.MOVED: 0, Kind.BUMP: n_of_bump}
+    return n[candidate.change.kind]
 
 
 def _is_plausible(candidate: Candidate, frame: float) -> bool:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from fgpose.calibration.changes.change import Kind
 from fgpose.calibration.changes.clock_changes import ClockFit, score
 from fgpose.calibration.changes.lenses import Lens, LensFit
-from fgpose.calibration.changes.pose_changes import PoseFit
+from fgpose.calibration.changes.poses.pose_changes import PoseFit
 
 # Of undamaged recordings none reaches half of it; a frame that is lost reaches four times as much in ten seconds.
 _SCORE = 5.0

@@ -22,7 +22,7 @@ from fgpose.calibration.changes.lag_costs import BLOCK_S, PER_STEP, LagCosts, so
 from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
 from fgpose.calibration.changes.lost_images.lost_images import lost_images
 from fgpose.calibration.changes.placed import placed
-from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fits
+from fgpose.calibration.changes.poses.pose_changes import PoseFit, misses_m, pose_fits
 from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -237,8 +237,8 @@ def _poses_of(rays: Rays, costs: LagCosts, c: int, *, walks: bool) -> list[Candi
 def _is_of_posture(fit: PoseFit, rays: Rays, costs: LagCosts) -> bool:
     """Whether a bump is there while nobody walks, and somebody moves when it begins or ends: then the posture that the
     camera sees is another one too."""
-    first, last = fit.edges
-    changes = bool(costs.moves[max(first - 2, 0) : last + 1].any())
+    edges = [fit.edges] if fit.end_edges is None else [fit.edges, fit.end_edges]
+    changes = any(bool(costs.moves[max(first - 2, 0) : last + 1].any()) for first, last in edges)
     return fit.kind is Kind.BUMP and changes and not somebody_walks(rays, costs.blocks.only(fit.held))
 
 

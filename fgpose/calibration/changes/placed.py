@@ -15,7 +15,7 @@ from fgpose.calibration.changes.clock_changes import ClockFit, constant_lag, sco
 from fgpose.calibration.changes.comparison import Comparison
 from fgpose.calibration.changes.credible import JUMP_FRAMES, NOTICEABLE_FRAMES, WHOLE_FRAMES
 from fgpose.calibration.changes.lag_costs import PER_STEP, Blocks
-from fgpose.calibration.changes.pose_changes import PoseFit, pose_fit
+from fgpose.calibration.changes.poses.pose_changes import PoseFit, pose_fit
 from fgpose.calibration.changes.turning_point import turning_point_s
 
 _ROUNDS = 5
@@ -39,21 +39,26 @@ def placed(candidate: Candidate, compared: Comparison) -> list[Change]:
     moved = _move(change, fit, compared)
     if fit.kind is Kind.MOVED:
         return [moved]
-    until = bool(fit.held[0])
-    edge = int(np.flatnonzero(fit.held)[-1]) + 1 if until else int(np.flatnonzero(fit.held)[0])
-    near_s = blocks.time_s[min(edge, blocks.n_blocks - 1)] - blocks.length_s / 2
-    changed = [*compared.changes, moved], list(compared.changes)
-    at_s = _turning_point_s(*(changed if until else changed[::-1]), change.camera, near_s, compared)
-    moved = replace(moved, between_s=_between_s(fit.edges, at_s, blocks))
-    return [replace(moved, until_s=at_s) if until else replace(moved, at_s=at_s)]
+    held = np.flatnonzero(fit.held)
+    before, after = list(compared.changes), [*compared.changes, moved]
+    if not fit.held[0]:
+        moved = replace(moved, at_s=_turning_point_s(before, after, change.camera, int(held[0]), compared))
+        moved = replace(moved, between_s=_between_s(fit.edges, moved.at_s, blocks))
+    if not fit.held[-1]:
+        moved = replace(moved, until_s=_turning_point_s(after, before, change.camera, int(held[-1]) + 1, compared))
+    if fit.held[0]:
+        moved = replace(moved, between_s=_between_s(fit.edges, moved.until_s, blocks))
+    return [moved]
 
 
 def _turning_point_s(
-    before: Sequence[Change], after: Sequence[Change], c: int, near_s: float, compared: Comparison
+    before: Sequence[Change], after: Sequence[Change], c: int, first: int, compared: Comparison
 ) -> float:
-    """When these changes take the place of those, within two blocks."""
+    """When these changes take the place of those, within two blocks of one."""
+    blocks = compared.blocks
+    near_s = float(blocks.time_s[min(first, blocks.n_blocks - 1)]) - blocks.length_s / 2
     people, rig, step_s = compared.people, compared.rig, compared.rays.step_s
-    return turning_point_s(people, rig, before, after, c, step_s, near_s, 2 * compared.blocks.length_s)
+    return turning_point_s(people, rig, before, after, c, step_s, near_s, 2 * blocks.length_s)
 
 
 def _between_s(edges: tuple[int, int], at_s: float, blocks: Blocks) -> tuple[float, float]:
@@ -124,8 +129,7 @@ def _jump(change: Change, fit: ClockFit, lag_s: Float[np.ndarray, " block"], com
         if abs(by_s) < JUMP_FRAMES * step_s:
             continue
         jump = replace(change, offset_s=by_s, sigma=fit.change_sigma(by_s / lag_step_s, free) * lag_step_s)
-        near_s = blocks.time_s[first] - blocks.length_s / 2
         before = [*compared.changes, *found]
-        at_s = _turning_point_s(before, [*before, jump], change.camera, near_s, compared)
+        at_s = _turning_point_s(before, [*before, jump], change.camera, first, compared)
         found.append(replace(jump, at_s=at_s, between_s=_between_s(edges, at_s, blocks)))
     return found

@@ -88,8 +88,12 @@ def _is_of_switch(change: Change, examined: Examined) -> bool:
 
 
 def _moment_s(bump: Change) -> float:
-    """When the camera was moved."""
-    return bump.until_s if np.isfinite(bump.until_s) else bump.at_s
+    """When the camera was moved, the first time."""
+    return bump.at_s if np.isfinite(bump.at_s) else bump.until_s
+
+
+def _is_for_a_while(bump: Change) -> bool:
+    return bool(np.isfinite([bump.at_s, bump.until_s]).all())
 
 
 def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
@@ -135,7 +139,7 @@ def _bumped_cameras(changes: Sequence[Change], names: Sequence[str], together: b
     cameras = sorted({each.camera for each in changes})
     at_s = sorted(map(_moment_s, changes))
     who = names[cameras[0]] if len(cameras) == 1 else f"{len(cameras)} cameras ({', '.join(names[c] for c in cameras)})"
-    slowly = len({bool(np.isfinite(each.until_s)) for each in changes}) == 2
+    slowly = len({bool(np.isfinite(each.until_s)) for each in changes if not _is_for_a_while(each)}) == 2
     again = len(changes) > _OFTEN or slowly
     if len(cameras) > 1 and at_s[-1] - at_s[0] < _ONE_MOMENT_S:
         reason = f"{who} were moved at {np.mean(at_s):.1f} s, while they filmed"
@@ -171,20 +175,27 @@ def _moved_throughout(change: Change, names: Sequence[str], together: bool) -> F
 
 
 def _bumped(change: Change, names: Sequence[str], together: bool) -> Finding:
-    name, until = names[change.camera], np.isfinite(change.until_s)
-    at_s = _moment_s(change)
-    right = "; the calibration is right from then on" if until else "; until then it was where the calibration says"
-    by_hand = f"Cut the recording at {at_s:.1f} s, and calibrate the part {'before' if until else 'after'} it again."
+    name, at_s = names[change.camera], _moment_s(change)
+    if _is_for_a_while(change):
+        right = f", and put back at {change.until_s:.1f} s; before and after it was where the calibration says"
+        by_hand = f"Cut the recording at {at_s:.1f} and {change.until_s:.1f} s, and calibrate the part between again."
+        poses = " It gives the camera another pose in between."
+    else:
+        until = np.isfinite(change.until_s)
+        right = "; the calibration is right from then on" if until else "; until then it was where the calibration says"
+        part = "before" if until else "after"
+        by_hand = f"Cut the recording at {at_s:.1f} s, and calibrate the part {part} it again."
+        poses = " It gives the camera one pose before and one after."
     return Finding(
         Code.BUMPED_CAMERA,
         Severity.WRONG,
         f"{name}{or_the_other(change.camera, names)} was moved {moment(change, at_s)}, while it filmed, by "
         f"about {_by(change)}{right}",
-        _mended(change, together, by_hand, " It gives the camera one pose before and one after."),
+        _mended(change, together, by_hand, poses),
         0.8,
         camera=name,
-        from_s=None if until else at_s,
-        to_s=at_s if until else None,
+        from_s=change.at_s if np.isfinite(change.at_s) else None,
+        to_s=change.until_s if np.isfinite(change.until_s) else None,
         numbers=_numbers(change) | {"at_s": at_s, **earliest_and_latest(change)},
     )
 

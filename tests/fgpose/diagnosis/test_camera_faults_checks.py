@@ -125,6 +125,20 @@ def test_a_camera_that_sinks_is_not_refined() -> None:
     assert "--refine-calibration" not in finding.remedy
 
 
+def test_a_camera_that_was_put_back_has_a_beginning_and_an_end() -> None:
+    turn = np.array([0.0, 0.03, 0.0])
+    away = Change(Kind.BUMP, 0, at_s=4.0, until_s=8.0, rotation=turn)
+    (finding,) = said(away)
+    assert (finding.code, finding.from_s, finding.to_s) == (Code.BUMPED_CAMERA, 4.0, 8.0)
+    assert "left was moved at 4.0 s, while it filmed" in finding.reason
+    assert "put back at 8.0 s" in finding.reason
+    assert "--refine-calibration. It gives the camera another pose in between." in finding.remedy
+    (far,) = said(replace(away, rotation=20 * turn))
+    assert "Cut the recording at 4.0 and 8.0 s" in far.remedy
+    # Another move afterwards does not make a camera one that moves slowly.
+    assert len(said(away, Change(Kind.BUMP, 0, at_s=12.0, rotation=turn))) == 2
+
+
 def test_what_is_right_until_a_moment_and_from_another_on_moves_slowly() -> None:
     """One bump says that the calibration is right after it, the other one that it is right before."""
     turn = np.array([0.0, 0.03, 0.0])

@@ -8,7 +8,7 @@ import pytest
 from fgpose.calibration.changes.change import Kind
 from fgpose.calibration.changes.clock_changes import ClockFit
 from fgpose.calibration.changes.credible import holds, is_clear
-from fgpose.calibration.changes.pose_changes import PoseFit
+from fgpose.calibration.changes.poses.pose_changes import PoseFit
 
 EVENLY = np.full(10, 8.0)
 OF_ONE = np.array([0.0, -1.0, 0.5, 4.0, -2.0, 60.0, 8.0, 7.0, -5.0, 8.5])  # as much in all

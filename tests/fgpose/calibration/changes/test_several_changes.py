@@ -5,9 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.calibration.changes.change import Change, Kind
+from fgpose.calibration.changes.change import Change, Kind, with_changes
 from fgpose.calibration.changes.find_changes import find_changes
-from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, slower, walk_m
+from tests.fgpose.calibration.changes.changing import (
+    FPS,
+    RIG,
+    bumped,
+    exchanged,
+    filmed,
+    late,
+    moved_rig,
+    slower,
+    walk_m,
+)
 
 
 def test_clocks_that_all_differ() -> None:
@@ -22,6 +32,24 @@ def test_clocks_that_all_differ() -> None:
     # Three standard deviations of 3 ms.
     assert offset_s[0] == pytest.approx(6 / FPS, abs=0.009)
     assert offset_s[2] == pytest.approx(-5 / FPS, abs=0.009)
+
+
+@pytest.mark.parametrize("n_cameras", [pytest.param(4, marks=pytest.mark.slow), 3])
+def test_a_camera_that_was_moved_and_put_back(n_cameras: int) -> None:
+    """No move from a moment on, or until one, suited: it was said that nothing had changed."""
+    truth_m, names = walk_m(6, 12.0), RIG.names[:n_cameras]
+    seen, away = filmed(truth_m), filmed(truth_m, moved_rig(1, 2.0))
+    (found,) = find_changes([exchanged(seen, 1, away, slice(120, 240)).subset(names)], RIG.subset(names)).changes
+    assert (found.kind, found.camera) == (Kind.BUMP, 1)
+    # A second is what is promised.
+    assert found.at_s == pytest.approx(120 / FPS, abs=1.0)
+    assert found.until_s == pytest.approx(240 / FPS, abs=1.0)
+    # Four seconds of three cameras: three standard deviations of 0.3 degrees, as stated.
+    assert found.rotation_deg == pytest.approx(2.0, abs=0.9)
+    (changed,) = [each for each in with_changes(RIG, [found], poses=True, clocks=False).cameras if each.moves]
+    (_, moved), (_, back) = changed.moves
+    np.testing.assert_allclose(moved, found.moved_pose(RIG.cameras[1].world_T_camera))
+    np.testing.assert_allclose(back, RIG.cameras[1].world_T_camera)
 
 
 @pytest.mark.slow

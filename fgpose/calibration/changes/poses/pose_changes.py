@@ -1,4 +1,4 @@
-"""Where a camera went: all the time, from a moment on or until one; told by blocks that did not enter."""
+"""Where a camera went: all the time, from a moment on, until one or between two; told by blocks that did not enter."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from fgpose.calibration.changes.lag_costs import (
     weighted,
     wide_enough,
 )
+from fgpose.calibration.changes.poses.stretches import Stretch, best_stretch, better_stretch, stretches
 from fgpose.calibration.changes.rays import Rays
 from fgpose.config import CalibrationConfig
 from fgpose.geometry.vectors import cross, dot
@@ -46,7 +47,7 @@ class PoseFit:
     gain: Float[np.ndarray, " block"]
     """By how much the cost of each block is less, with a move to which it has not contributed."""
     edges: tuple[int, int]
-    """The first and the last block with which a bump may begin, or end."""
+    """The first and the last block with which a bump may begin, or end if it was there from the beginning."""
     sigma_rotation: float
     """Standard deviation, radians; root of the sum over the axes."""
     sigma_translation_m: float
@@ -57,6 +58,8 @@ class PoseFit:
     """The same of the distances by which the rays miss each other at the body."""
     of_most_joints: float
     """Share of the gain that is left without the two joints that gain most: a limb that a camera shows elsewhere."""
+    end_edges: tuple[int, int] | None = None
+    """The same of the block after a bump that begins and ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +161,7 @@ def misses_m(rays: Rays, blocks: Blocks, c: int, held: Bool[np.ndarray, " block"
 
 
 def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
-    """The best of each kind: moved all the time, bumped at a time, or there only until a time."""
+    """The best of each kind: moved all the time, bumped at a time, there only until a time, or only for a while."""
     views = _Views.of(rays, costs, c)
     told = np.bincount(costs.blocks.block, views.weight.sum(axis=(0, 2)), minlength=costs.blocks.n_blocks) > 0
     if told.sum() < 2 * MIN_BLOCKS:
@@ -167,7 +170,9 @@ def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
     before = views.cost(views.angles(still))
     width = wide_enough(views.angles(still), views.weight)
     whole = views.equations(still, width)
-    if max(_in_sample(*whole, told, until=until).max() for until in (False, True)) < LEAST_GAIN:
+    for_a_while = _between(*whole, told)
+    one_sided = max(float(_in_sample(*whole, told, until=until).max()) for until in (False, True))
+    if max(one_sided, for_a_while.gain) < LEAST_GAIN:
         return []
     found = [_fitted(Kind.MOVED, np.ones(len(told), dtype=bool), views, told, before, width)]
     for until in (False, True):
@@ -176,7 +181,11 @@ def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
             move = _move(views, held & told, width)
             held = _better(before - views.cost(views.angles(move)), told, until=until)
         found.append(_fitted(Kind.BUMP, held, views, told, before, width))
-    return found
+    held = for_a_while.held
+    for _ in range(2 if held.any() else 0):
+        move = _move(views, held & told, width)
+        held = better_stretch(before - views.cost(views.angles(move)), told).held
+    return [*found, _fitted(Kind.BUMP, held, views, told, before, width)] if held.any() else found
 
 
 def pose_fit(rays: Rays, costs: LagCosts, c: int, kind: Kind, held: Bool[np.ndarray, " block"]) -> PoseFit:
@@ -224,6 +233,20 @@ def _better(
     return (np.arange(len(told)) <= int(np.argmax(total)))[order]
 
 
+def _between(
+    information: Float[np.ndarray, "block 6 6"],
+    gradient: Float[np.ndarray, "block 6"],
+    told: Bool[np.ndarray, " block"],
+) -> Stretch:
+    """The blocks between two in which the move that suits them best makes most better."""
+    H = np.concatenate([np.zeros((1, 6, 6)), np.cumsum(information, axis=0)])
+    g = np.concatenate([np.zeros((1, 6)), np.cumsum(gradient, axis=0)])
+    first, end = stretches(told)
+    own = g[end] - g[first]
+    move = np.linalg.solve(H[end] - H[first] + np.diag(_SIGMAS**-2), own[..., None])[..., 0]
+    return best_stretch(0.5 * np.einsum("bi,bi->b", own, move), first, end, len(told))
+
+
 def _move(views: _Views, used: Bool[np.ndarray, " block"], width: float) -> Float[np.ndarray, " 6"]:
     """By iteratively reweighted least squares, the kernel at first as wide as the angles are."""
     move = np.zeros(6)
@@ -257,10 +280,24 @@ def _fitted(
     sigma, sigma_m = (float(np.sqrt(np.trace(covariance[rows, rows]))) for rows in (slice(0, 3), slice(3, 6)))
     shift_m = _root_mean_square((changed * (views.scale * views.reach_m)[:, None, None])[there])
     costs = before * told, views.cost(angles[1]) * told
-    edges = edges_as_good(*(costs if held[-1] else costs[::-1]))
+    edges, end_edges = _edges(*costs, held)
     of_most = views.of_most_joints(*(np.where(samples, each, np.nan) for each in angles))
     shift = _root_mean_square(changed[there])
-    return PoseFit(kind, move[:3], move[3:], held, gain, edges, sigma, sigma_m, shift, shift_m, of_most)
+    return PoseFit(kind, move[:3], move[3:], held, gain, edges, sigma, sigma_m, shift, shift_m, of_most, end_edges)
+
+
+def _edges(
+    cost_before: Float[np.ndarray, " block"], cost_after: Float[np.ndarray, " block"], held: Bool[np.ndarray, " block"]
+) -> tuple[tuple[int, int], tuple[int, int] | None]:
+    """See PoseFit."""
+    if held[-1]:
+        return edges_as_good(cost_before, cost_after), None
+    if held[0]:
+        return edges_as_good(cost_after, cost_before), None
+    middle = int(np.flatnonzero(held).mean())
+    begin, end = slice(None, middle + 1), slice(middle, None)
+    first, last = edges_as_good(cost_after[end], cost_before[end])
+    return edges_as_good(cost_before[begin], cost_after[begin]), (middle + first, middle + last)
 
 
 def _covariance(

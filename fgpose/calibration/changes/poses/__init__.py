@@ -1,0 +1,1 @@
+"""Where cameras went while a recording lasts."""
