@@ -160,7 +160,7 @@ IN_TIME: tuple[Damage, ...] = (
     Damage("2 frames lost", (Code.LOST_FRAMES,), at_other_times(_lost(2)), 3),
     Damage("half the rate", (Code.CLOCK_RATE,), at_other_times(lambda t: 2 * t), 3),
     Damage("0.5 % slower clock", (Code.CLOCK_RATE,), at_other_times(lambda t: 1.005 * t), 3),
-    Damage("every twentieth frame lost", (Code.CLOCK_RATE,), at_other_times(_now_and_then), 3),
+    Damage("every twentieth frame lost", (Code.CLOCK_RATE, Code.LOST_FRAMES), at_other_times(_now_and_then), 3),
     Damage("numbers of frames as seconds", (Code.FRAME_RATE,), _slower(FPS), of_simulated=True),
     Damage("slow motion, eight times", (Code.FRAME_RATE,), _slower(8.0), of_simulated=True),
     Damage("bumped by 0.7 degrees", (Code.BUMPED_CAMERA,), bumped(0.7), 3),
