@@ -49,6 +49,7 @@ class Code(StrEnum):
     CLOCK_RATE = "clock-rate"
     BUMPED_CAMERA = "bumped-camera"
     UNSTEADY_CAMERA = "unsteady-camera"
+    UNSTEADY_LENS = "unsteady-lens"
     AMBIGUOUS_START = "ambiguous-start"
     UNDETERMINED_CLOCK = "undetermined-clock"
     FROZEN_CAMERA = "frozen-camera"

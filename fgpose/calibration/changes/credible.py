@@ -55,6 +55,11 @@ def is_of_several_seconds(gain: Float[np.ndarray, " block"]) -> bool:
     return is_better(gain) and score(_without_best(gain)) > _SIGMAS
 
 
+def is_better_by_each(gain: Float[np.ndarray, "part block"]) -> bool:
+    """Whether every part is, by its share."""
+    return bool((gain.sum(axis=1) > _GAIN / len(gain)).all())
+
+
 def _is_of_few_seconds(fit: ClockFit) -> bool:
     """Whether a second or two may be all that it is made of: where a detector misses the person for moments, all joints
     suit some lag, of each moment another one; and of a few of them some line. Of who stands still and then moves, the

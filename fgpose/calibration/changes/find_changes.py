@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fgpose.calibration.changes.breathing import Breathing, breathing_lenses
 from fgpose.calibration.changes.candidate import CLEARLY, Candidate, chosen_of
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits
@@ -55,6 +56,8 @@ class Changes:
     """That are not those of the calibration: a camera with another one looks as if it was moved."""
     agree: bool = False
     """Whether all cameras agree with them; where rays meet nowhere, some lens always suits."""
+    breathing: tuple[Breathing, ...] = ()
+    """Lenses whose focal length changes to and fro."""
 
 
 def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
@@ -84,8 +87,10 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
         changes, lenses = _one_by_one(people, rig, step_s, jumps)
         poses, seen_through = _by_cause(changes)[0], _with_lenses(rig, lenses)
         changes = [*(lost_images(Comparison.of(people, seen_through, step_s, poses), clocks) or jumps), *poses]
-    agree = bool(lenses) and _all_agree(Comparison.of(people, seen_through, step_s, changes))
-    return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses), agree)
+    with_all = Comparison.of(people, seen_through, step_s, changes)
+    agree = bool(lenses) and _all_agree(with_all)
+    breathing = breathing_lenses(with_all) if somebody_walks(with_all.rays, with_all.blocks) else ()
+    return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses), agree, breathing)
 
 
 def _one_by_one(

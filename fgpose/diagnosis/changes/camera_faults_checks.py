@@ -13,7 +13,7 @@ from fgpose.calibration.changes.find_changes import LEAST_S, Changes, find_chang
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.changes.in_words import CLOCKS, POSES, earliest_and_latest, moment, use
 from fgpose.diagnosis.changes.late_cameras import late_camera, late_throughout, lost_images, other_rate
-from fgpose.diagnosis.changes.other_lenses import or_the_other, other_lenses
+from fgpose.diagnosis.changes.other_lenses import or_the_other, other_lenses, unsteady_lenses
 from fgpose.diagnosis.changes.unsteady_cameras import unsteady_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
@@ -49,9 +49,11 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     if not found.compared:
         raise NotJudgedError("no two cameras see the same person for some seconds")
     if not examined.geometry.usable and not found.agree:
-        found = replace(found, lenses=())
+        found = replace(found, lenses=(), breathing=())
     elif examined.geometry.usable and examined.side_by_side:
-        found = replace(found, lenses=(), changes=tuple(each for each in found.changes if each.is_of_clock))
+        found = replace(
+            found, lenses=(), breathing=(), changes=tuple(each for each in found.changes if each.is_of_clock)
+        )
     changes = tuple(each for each in found.changes if not _is_of_switch(each, examined))
     findings = findings_of(replace(found, changes=changes), examined.rig.names)
     # A camera that agrees with none may be one that shakes; one of another rate looks alike.
@@ -106,6 +108,7 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
     together = also_clock and also_pose
     return [
         *other_lenses(found.lenses, names),
+        *unsteady_lenses(found.breathing, names),
         *(late_throughout(each, found, names, together) for each in late),
         *lost_images(found, names, together),
         *(other_rate(each, found, names, together) for each in of_kind[Kind.RATE]),

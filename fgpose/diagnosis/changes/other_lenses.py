@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from fgpose.calibration.changes.breathing import Breathing
 from fgpose.calibration.changes.lenses import Lens, LensFit, distortion_of
+from fgpose.diagnosis.body.joint_names import in_a_row
+from fgpose.diagnosis.changes.in_words import POSES
 from fgpose.diagnosis.hypotheses.images import shift_in_words
 from fgpose.finding import Code, Finding, Severity
 
@@ -82,6 +85,26 @@ def _either(fit: LensFit, or_else: LensFit, names: Sequence[str]) -> Finding:
 def or_the_other(camera: int, names: Sequence[str]) -> str:
     """Two cameras cannot tell which of them is wrong."""
     return f" (or {names[1 - camera]}: with two cameras it cannot be told which)" if len(names) == 2 else ""
+
+
+def unsteady_lenses(found: Sequence[Breathing], names: Sequence[str]) -> list[Finding]:
+    """Those whose focal length changes to and fro, in one finding."""
+    if not found:
+        return []
+    cameras, most = [names[each.camera] for each in found], max(each.share for each in found)
+    alone = cameras[0] if len(found) == 1 else ""
+    who = f"{alone}{or_the_other(found[0].camera, names)}" if alone else f"{in_a_row(cameras)}, and perhaps others,"
+    reason = (
+        f"The focal length of {who} changes to and fro while the recording lasts, by {100 * most:.1f} % (standard "
+        "deviation), as of a lens that is focused anew: arms and legs agree on it, each by themselves"
+    )
+    left_out = ", or leave it out with --cameras" if alone and len(names) > 2 else ""
+    remedy = (
+        "Is the autofocus on, or a zoom? Switch it off, calibrate at that focus, and record again: "
+        f"{POSES} finds poses, which do not change, and does not repair it{left_out}."
+    )
+    numbers = {"focal_share": most, "cameras": float(len(found))}
+    return [Finding(Code.UNSTEADY_LENS, Severity.DOUBTFUL, reason, remedy, 0.8, camera=alone, numbers=numbers)]
 
 
 def _other_lens(fit: LensFit, names: Sequence[str]) -> Finding:

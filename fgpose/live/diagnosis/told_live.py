@@ -44,6 +44,7 @@ REMEDIES: Mapping[Code, str | None] = {
     Code.CLOCK_RATE: _CLOCK,
     Code.BUMPED_CAMERA: f"Fix the camera. {_CALIBRATE}",
     Code.UNSTEADY_CAMERA: "Fix the camera, and switch electronic stabilisation off.",
+    Code.UNSTEADY_LENS: "Fix the focus and the zoom of the camera.",
     Code.AMBIGUOUS_START: None,  # of videos that began at different moments
     Code.UNDETERMINED_CLOCK: None,  # of a result; frames have the sigma of each clock
     Code.FROZEN_CAMERA: None,  # the state of the camera says so within a second
