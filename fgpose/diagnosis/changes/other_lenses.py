@@ -91,17 +91,17 @@ def unsteady_lenses(found: Sequence[Breathing], names: Sequence[str]) -> list[Fi
     """Those whose focal length changes to and fro, in one finding."""
     if not found:
         return []
-    cameras, most = [names[each.camera] for each in found], max(each.share for each in found)
+    cameras, most = [names[c] for c in sorted(each.camera for each in found)], max(each.share for each in found)
     alone = cameras[0] if len(found) == 1 else ""
-    who = f"{alone}{or_the_other(found[0].camera, names)}" if alone else f"{in_a_row(cameras)}, and perhaps others,"
+    who = f"{alone}{or_the_other(found[0].camera, names)}" if alone else f"{in_a_row(cameras)}, perhaps of others too,"
     reason = (
         f"The focal length of {who} changes to and fro while the recording lasts, by {100 * most:.1f} % (standard "
         "deviation), as of a lens that is focused anew: arms and legs agree on it, each by themselves"
     )
     left_out = ", or leave it out with --cameras" if alone and len(names) > 2 else ""
     remedy = (
-        "Is the autofocus on, or a zoom? Switch it off, calibrate at that focus, and record again: "
-        f"{POSES} finds poses, which do not change, and does not repair it{left_out}."
+        f"Is the autofocus on, or a zoom? Switch it off, calibrate at that focus, and record again{left_out}. {POSES} "
+        "finds poses, which do not change, and does not repair it."
     )
     numbers = {"focal_share": most, "cameras": float(len(found))}
     return [Finding(Code.UNSTEADY_LENS, Severity.DOUBTFUL, reason, remedy, 0.8, camera=alone, numbers=numbers)]

@@ -65,7 +65,8 @@ def test_what_is_said() -> None:
     (several,) = unsteady_lenses([Breathing(1, 0.021), Breathing(2, 0.03)], names)
     assert several.camera == ""
     assert (
-        "middle and right, and perhaps others, changes to and fro while the recording lasts, by 3.0 %" in several.reason
+        "middle and right, perhaps of others too, changes to and fro while the recording lasts, by 3.0 %"
+        in several.reason
     )
     assert "--cameras" not in several.remedy
     (of_two,) = unsteady_lenses([Breathing(0, 0.021)], names[:2])
