@@ -42,7 +42,7 @@ class ClockSteps:
         self._lead_s = unknown_s
         """How far the newest image of each was ahead of those of all others when it came, before its clock was set."""
         self._since_s = unknown_s
-        """Newest time of the others when that image came."""
+        """Newest time of the others when that image came; of a camera that has leapt, when it did."""
         self.by_s = np.zeros(len(camera_names))
         """By how much each clock was set against those of most; zero: it was not."""
         self.lasts = np.zeros(len(camera_names), dtype=bool)
@@ -102,7 +102,8 @@ class ClockSteps:
         if self.by_s[c]:
             self.by_s[c] = ahead_s if abs(ahead_s) > max(limit_s, abs(self.by_s[c]) / 2) else 0.0
         elif min(step_s, ahead_s, lead_s) > limit_s or max(step_s, ahead_s, lead_s) < -limit_s:
-            self.by_s[c] = ahead_s
+            # The others may have gone on since its last image, which came together with theirs.
+            self.by_s[c], self._since_s[c] = ahead_s, others_s
         self.lasts[c] = self.by_s[c] != 0 and others_s - self._since_s[c] >= abs(self.by_s[c])
         if not self.by_s[c]:
             # Of who is late it shrinks while all others pause.

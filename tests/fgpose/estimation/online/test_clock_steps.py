@@ -51,6 +51,19 @@ def set_clocks(cameras: set[int], by_s: float, until_s: float = np.inf) -> Calla
     return lambda c, taken_s: taken_s + by_s * (c in cameras and AT_S <= taken_s < until_s)
 
 
+def test_the_first_image_after_others_have_gone_on_is_of_no_clock_that_was_set() -> None:
+    """A computer that is too slow takes the newest of each camera: together, or one after the other, with gaps. What
+    is ahead of the others has been so for no time yet, however far they went on with its last image."""
+    steps = ClockSteps([f"cam{c}" for c in range(4)])
+    together_s = [np.full(4, frame / 30) for frame in range(20)]
+    together_s.append(together_s[-1] + [0.05, 0.11, 0.11, 0.11])
+    next_s = together_s[-1].max() + 0.15  # by 0.1 s more ahead than it was, three usual steps
+    for taken_s in (*together_s, *(np.where(np.arange(4) == c, next_s, np.nan) for c in range(4))):
+        steps = steps.plus(taken_s)
+        assert not steps.lasts.any()
+    assert not steps.left_out.any()
+
+
 @pytest.mark.parametrize("by_s", [0.1, 0.3, 2.0, -0.15, -0.3])
 def test_images_of_a_clock_that_was_set_are_left_out(by_s: float) -> None:
     with pytest.warns(UserWarning, match=f"camera cam1: its clock was set .* by about {abs(by_s):.2g} s") as told:
