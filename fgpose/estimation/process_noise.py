@@ -7,9 +7,17 @@ But how much is smoothed is known. Measured with an information I per second, wh
 acceleration leaves a smoother with the spectrum q / (1 + (w / b)^4), b^4 = q I (Wiener's filter), whose mean square is
 q b / (2 sqrt 2). The density sought is the one for which this is the mean square acceleration found (MacKay 1992,
 Bayesian interpolation: a hyperparameter re-estimated from the parameters that are well measured).
+
+That is so where many frames fall into 1 / b. Fast motion at 50 Hz, and slow one at 10, has its bandwidth b where frames
+end, and differences between them show less of it. The second difference of positions in frames dt apart is the mean of
+the acceleration under a triangle, which has the spectrum q dt^3 (2 + cos w) / 3 for w from 0 to pi per frame; its
+errors, those of positions that are known to 1 / (I dt), have the spectrum (2 - 2 cos w)^2 / (I dt). The filter is as
+before.
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
@@ -62,9 +70,11 @@ def process_density(
     """
     if not is_adaptive(config) or len(time_s) < 3:
         return np.full(positions_m.shape[:2], initial_density(config))
-    per_s = _mean_nearby(information / np.gradient(time_s)[:, None], time_s, NEARBY_S)
-    power = _SMOOTHED * _mean_nearby(_squared_accelerations(positions_m, time_s), time_s, NEARBY_S)
-    density, measurements = _resolved(power, per_s, LEAST_DENSITY, config)
+    steps_s = np.gradient(time_s)[:, None]
+    per_s = _mean_nearby(information / steps_s, time_s, NEARBY_S)
+    squared = _mean_nearby(_squared_accelerations(positions_m, time_s), time_s, NEARBY_S)
+    step_s = _mean_nearby(steps_s, time_s, NEARBY_S)
+    density, measurements = _resolved(squared, per_s, step_s, LEAST_DENSITY, config)
     logs, total = np.sum(measurements * np.log(density), axis=0), measurements.sum(axis=0)
     unknown = np.full(total.shape, np.log(initial_density(config)))
     usual = np.exp(np.divide(logs, total, out=unknown, where=total > 0))
@@ -79,7 +89,7 @@ class RunningDensity:
 
     def __init__(self, n_joints: int, config: MotionConfig) -> None:
         self._config = config
-        self._power, self._per_s = np.zeros(n_joints), np.zeros(n_joints)
+        self._squared, self._per_s, self._step_s = np.zeros(n_joints), np.zeros(n_joints), np.zeros(n_joints)
         self._time_s, self._velocities_mps = -np.inf, np.full((n_joints, 3), np.nan)
 
     def add(
@@ -94,15 +104,16 @@ class RunningDensity:
         squared = np.mean(((velocities_mps - self._velocities_mps) / step_s) ** 2, axis=-1)
         self._time_s, self._velocities_mps = time_s, velocities_mps
         keep = np.where(np.isfinite(squared), np.exp(-step_s / NEARBY_S), 1.0)
-        self._power = keep * self._power + (1 - keep) * _SMOOTHED * np.nan_to_num(squared)
+        self._squared = keep * self._squared + (1 - keep) * np.nan_to_num(squared)
         self._per_s = keep * self._per_s + (1 - keep) * information / step_s
+        self._step_s = keep * self._step_s + (1 - keep) * np.where(keep < 1, step_s, 0.0)
 
     def density(self) -> Float[np.ndarray, " joint"]:
         """Power spectral density of each joint's noise; as process_density."""
-        usual = np.full(self._power.shape, initial_density(self._config))
+        usual = np.full(self._squared.shape, initial_density(self._config))
         if not is_adaptive(self._config):
             return usual
-        own = _resolved(self._power, self._per_s, _LEAST_DENSITY_ONLINE, self._config)
+        own = _resolved(self._squared, self._per_s, self._step_s, _LEAST_DENSITY_ONLINE, self._config)
         return shrunk(*own, usual, _USUAL_MEASUREMENTS)
 
 
@@ -118,15 +129,36 @@ def _squared_accelerations(
 
 
 def _resolved(
-    power: np.ndarray, per_s: np.ndarray, least: float, config: MotionConfig
+    squared: np.ndarray, per_s: np.ndarray, step_s: np.ndarray, least: float, config: MotionConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """q, where q b is the power and b^4 = q I; and how many measurements of it the frames nearby are: as many as a
-    motion along three axes up to the bandwidth b has degrees of freedom in their time. Where nothing is known, none."""
-    density = np.divide(power**0.8, per_s**0.2, out=np.ones_like(power), where=per_s > 0)
+    """The density whose smoothed motion has these mean square accelerations; and how many measurements of it the frames
+    nearby are: as many as a motion along three axes up to the bandwidth b has degrees of freedom in their time, and no
+    more than frames show. Where nothing is known, none."""
+    between_frames = np.divide((_SMOOTHED * squared) ** 0.8, per_s**0.2, out=np.ones_like(squared), where=per_s > 0)
+    density = between_frames * _missed_by_frames(between_frames * per_s * step_s**4)
     density = np.clip(density, min(least, config.acceleration_density), _MOST_DENSITY)
-    measurements = 3 * 2 * NEARBY_S / _SMOOTHED * (density * per_s) ** 0.25
+    bandwidth = np.minimum((density * per_s) ** 0.25 / _SMOOTHED, 1 / np.maximum(step_s, 1e-9))
+    measurements = 3 * 2 * NEARBY_S * bandwidth
     known = np.isfinite(measurements)
     return np.where(known, density, 1.0), np.where(known, measurements, 0.0)
+
+
+def _missed_by_frames(found: np.ndarray) -> np.ndarray:
+    """By how many times the density is larger than q, where q b / (2 sqrt 2) is the mean square of differences between
+    frames; of q I dt^4."""
+    logs, times = _missed()
+    return np.exp(np.interp(np.log(np.maximum(found, 1e-30)), logs, times))
+
+
+@cache
+def _missed() -> tuple[Float[np.ndarray, " strength"], Float[np.ndarray, " strength"]]:
+    """Logarithms of q I dt^4 as differences between frames have it, and of its true value over it."""
+    w = (np.arange(500) + 0.5) / 500 * np.pi
+    true = np.geomspace(1e-4, 1e8, 200)
+    signal, noise = true[:, None] * (2 + np.cos(w)) / 3, (2 - 2 * np.cos(w)) ** 2
+    squared = np.mean(signal**2 / (signal + noise), axis=1)  # of accelerations, in units of 1 / (I dt^5)
+    found = (_SMOOTHED * squared) ** 0.8
+    return np.log(found), np.log(true / found)
 
 
 def _mean_nearby(
