@@ -19,10 +19,10 @@ MOMENT_S = 0.2
 PER_IMAGE = 4
 """Steps of the lags in the time from image to image: clocks differ by any part of it, and lose whole ones."""
 _LEAST_SAMPLES = 2
+_MOST_MOMENTS = 1500  # of longer recordings than five minutes; bounds time and memory
 # Rays of some joints that two cameras see in a moment tell its cost if there are so many, and half of those at the best
 # lag.
 _MIN_SEEN, _ENOUGH = 2, 0.5
-_PARTS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +70,8 @@ class FineCosts:
         return np.clip(rows, 0, len(rows) - 1)
 
 
-def fine_costs(compared: Comparison) -> list[FineCosts]:
-    """By some joints each, which err by themselves."""
+def fine_costs(compared: Comparison, n_parts: int) -> list[FineCosts]:
+    """By some joints each, which err by themselves; in one part, or in several, of which each takes as much memory."""
     rays, seconds = compared.rays, compared.blocks
     moments = _moments(seconds, rays.time_s[seconds.index])
     n_lags = round(MAX_LAG_S / rays.step_s)
@@ -79,14 +79,16 @@ def fine_costs(compared: Comparison) -> list[FineCosts]:
     lag_s = step_s * np.arange(-int(MAX_LAG_S / step_s), int(MAX_LAG_S / step_s) + 1)
     grid_s = rays.step_s * np.arange(-n_lags, n_lags + 1)
     moved = displacements(rays, seconds.index)
-    part = np.arange(rays.direction.shape[2]) % _PARTS
-    found: list[dict[tuple[int, int], Float[np.ndarray, "moment lag"]]] = [{} for _ in range(part.max() + 1)]
+    found: list[dict[tuple[int, int], Float[np.ndarray, "moment lag"]]] = [
+        {} for _ in range(min(n_parts, rays.direction.shape[2]))
+    ]
     for pair in combinations(range(rays.n_cameras), 2):
         cost, weight, *_ = costs_of_samples(rays, seconds, pair, n_lags, moved[list(pair)])
-        cost = np.nan_to_num(cost, copy=False)
+        counted = np.nan_to_num(cost, copy=False)
+        counted *= weight
         for number, of_part in enumerate(found):
-            own = part == number
-            of_moment = _by_moment(cost[..., own], weight[..., own], moments) * independent(seconds)
+            own = slice(number, None, n_parts)
+            of_moment = _by_moment(counted[..., own], weight[..., own], moments) * independent(seconds)
             of_part[pair] = _at(of_moment, grid_s, lag_s)
         hand_back()
     return [FineCosts(moments, step_s, rays.n_cameras, of_part) for of_part in found]
@@ -101,23 +103,22 @@ def together(parts: Sequence[FineCosts]) -> FineCosts:
 def _moments(seconds: Blocks, time_s: Float[np.ndarray, " sample"]) -> Blocks:
     """As short as they may be, each with some samples."""
     begin_s = float(time_s.min())
-    per_sample_s = seconds.n_blocks * seconds.length_s / len(seconds.index)
-    length_s = max(MOMENT_S, _LEAST_SAMPLES * per_sample_s)
+    duration_s = seconds.n_blocks * seconds.length_s
+    length_s = max(MOMENT_S, _LEAST_SAMPLES * duration_s / len(seconds.index), duration_s / _MOST_MOMENTS)
     numbers, block = np.unique(((time_s - begin_s) / length_s).astype(int), return_inverse=True)
     return Blocks(seconds.index, block, begin_s + (numbers + 0.5) * length_s, length_s)
 
 
 def _by_moment(
-    cost: Float[np.ndarray, "sample lag joint"], weight: Float[np.ndarray, "sample lag joint"], moments: Blocks
+    counted: Float[np.ndarray, "sample lag joint"], weight: Float[np.ndarray, "sample lag joint"], moments: Blocks
 ) -> Float[np.ndarray, "moment lag"]:
-    """Sums, as if at every lag as much were seen as at the one where most is. Where little is seen, as past the end of
-    the images, it costs what it does at the nearest lags at which enough is: nothing is won by a lag that nothing
-    tells."""
+    """Sums of weighted costs, as if at every lag as much were seen as at the one where most is. Where little is seen,
+    as past the end of the images, it costs what it does at the nearest lags at which enough is: nothing is won by a
+    lag that nothing tells."""
     order = np.argsort(moments.block, kind="stable")
     begins = np.searchsorted(moments.block[order], np.arange(moments.n_blocks))
     total, seen, number = (
-        np.add.reduceat(each.sum(axis=2, dtype=float)[order], begins, axis=0)
-        for each in (cost * weight, weight, weight > 0)
+        np.add.reduceat(each.sum(axis=2, dtype=float)[order], begins, axis=0) for each in (counted, weight, weight > 0)
     )
     most = seen.max(axis=1, keepdims=True)
     told = (seen >= _ENOUGH * most) & (number >= _MIN_SEEN)

@@ -16,6 +16,8 @@ from fgpose.calibration.changes.lag_costs import BLOCK_S, edges_as_good
 from fgpose.calibration.changes.lost_images.clock_paths import Paths, clock_paths, jumps_beside
 from fgpose.calibration.changes.lost_images.fine_costs import PER_IMAGE, FineCosts, fine_costs, together
 
+_PARTS = 4  # of the joints
+
 
 def lost_images(compared: Comparison, others: Sequence[Change]) -> list[Change]:
     """Jumps of the clocks of all cameras, if they suit better than what was found of clocks one by one; else none.
@@ -27,10 +29,7 @@ def lost_images(compared: Comparison, others: Sequence[Change]) -> list[Change]:
         compared: on top of changes of poses.
         others: of clocks.
     """
-    parts = fine_costs(compared)
-    if len(parts) < 2:
-        return []
-    costs = together(parts)
+    (costs,) = fine_costs(compared, 1)
     lag = _lags_of(others, costs)
     if not others and not jumps_beside(costs, lag):
         return []
@@ -38,6 +37,9 @@ def lost_images(compared: Comparison, others: Sequence[Change]) -> list[Change]:
     if not paths.n_jumps:
         return []
     if costs.total(lag).sum() - costs.total(paths.lag).sum() < paths.price:
+        return []
+    parts = fine_costs(compared, _PARTS)
+    if len(parts) < 2:
         return []
     gain = _gain(parts, lag)
     return _as_changes(paths, costs, score(gain)) if is_of_several_seconds(gain) else []
