@@ -81,11 +81,27 @@ def explain(scene: SynchronousViews) -> Explanation | None:
                 break
     if found:
         return min(found, key=lambda each: each.after.cost)
-    if scene.n_cameras > _ENOUGH:
-        for whom in ("everybody", "each"):
-            if (explanation := _found_but_for_one(coarse, fine, judge, whom)) is not None:
-                return explanation
-    return _pair_found(coarse, fine, judge) if scene.n_cameras > 2 else None
+    return _unusual_found(coarse, fine, judge) if scene.n_cameras >= _ENOUGH else None
+
+
+def _unusual_found(coarse: SynchronousViews, fine: SynchronousViews, judge: SynchronousViews) -> Explanation | None:
+    """A cause beside another one, of cameras that certainly disagree."""
+    found = None
+    if SearchState(judge).is_normal:
+        return None
+    if judge.n_cameras > _ENOUGH:
+        found = _found_but_for_one(coarse, fine, judge, "everybody") or _found_but_for_one(coarse, fine, judge, "each")
+    found = found or _pair_found(coarse, fine, judge)
+    return found if found and _CLEARLY * found.after.cost < _cost_but_for_one(judge) else None
+
+
+def _cost_but_for_one(scene: SynchronousViews) -> float:
+    """Of the cameras as they are, without the one without which they agree, if there is one: rather it is wrong than
+    something rarer that explains hardly more."""
+    everybody = range(scene.n_cameras)
+    without = ([c for c in everybody if c != odd] for odd in everybody if scene.n_cameras > _ENOUGH)
+    states = [SearchState(scene.cameras(kept)) for kept in without]
+    return min((each.cost for each in states if each.is_normal), default=np.inf)
 
 
 def _found_but_for_one(
