@@ -37,7 +37,8 @@ class FusionConfig:
     none, eq. 1-2."""
     inlier_px: float = 20.0
     """Views whose detection lies farther than this from a triangulated point are outliers, in pixels at a focal length
-    of 1145 px. Raising it keeps more views, also worse ones."""
+    of 1145 px. Where no two views agree, it is a length for points nearer than 3 m to a camera: 70 mm, as at 4 m.
+    Raising it keeps more views, also worse ones."""
     anchor_sigma_m: float = 0.3
     """Standard deviation of the fused per-view 3D, metres: a joint that cannot be triangulated is held near it. Raising
     it trusts motion and bones more."""

@@ -17,6 +17,11 @@ from fgpose.sampling import spread_evenly
 # detection error leaves a metre of depth error.
 _MIN_PARALLAX_RAD = np.deg2rad(1.0)
 _INLIER_PX = 20.0  # see CameraRig.in_own_px
+USUAL_FROM_M = 4.0
+"""Detectors err by lengths at the body: by 70 mm now and then, which is the angle of fusion.inlier_px at this distance.
+At 1 m that angle is 17 mm."""
+_NEAR_M = 3.0  # from here on the angle alone counts: it is 52 mm
+_NEAREST_M = 0.5  # nobody is whole in the image of a camera so near: rays that meet there do so by chance
 _MAX_PAIRS = 66  # all pairs of 12 views; bounds time and memory, which grow with pairs times views
 _PROPOSALS_AT_ONCE = 12_000  # of four views they take about 12 MB
 _FARTHEST_PX = 1e30  # of sixth powers, as in a determinant, double precision has no more
@@ -93,6 +98,8 @@ def triangulate_robust(
     confidence: Float[np.ndarray, "*frames camera joint"],
     rig: CameraRig,
     inlier_px: float | Float[np.ndarray, "*#frames camera #joint"] | None = None,
+    *,
+    usual_from_m: float = 0.0,
 ) -> Triangulation:
     """Confidence-weighted DLT over the best subset of views; holds when a minority of views is grossly wrong.
 
@@ -101,6 +108,8 @@ def triangulate_robust(
 
     Args:
         inlier_px: the threshold, in pixels of each image; None: the default of fusion.inlier_px.
+        usual_from_m: where no two views agree, points that are nearer to a camera have another threshold in its image:
+            the length that inlier_px is at this depth. Points 3 m away and farther have not.
 
     Returns:
         Triangulation with shapes (*frames, joint, 3) and (*frames, joint, camera).
@@ -108,15 +117,32 @@ def triangulate_robust(
     points_px, weights = undistorted_px.swapaxes(-3, -2), confidence.swapaxes(-2, -1)
     inlier_px = rig.in_own_px(_INLIER_PX) if inlier_px is None else inlier_px
     inlier_px = np.broadcast_to(inlier_px, confidence.shape).swapaxes(-2, -1)
+    agreed = _agreed(points_px, weights, rig, inlier_px, 0.0)
+    if usual_from_m > 0:
+        without = np.isnan(agreed.positions_m).any(axis=-1) & ((weights > 0).sum(axis=-1) >= 2)
+        if without.any():
+            near = _agreed(points_px[without], weights[without], rig, inlier_px[without], usual_from_m)
+            agreed.positions_m[without], agreed.inliers[without] = near.positions_m, near.inliers
+    return agreed
+
+
+def _agreed(
+    points_px: Float[np.ndarray, "*points camera 2"],
+    weights: Float[np.ndarray, "*points camera"],
+    rig: CameraRig,
+    inlier_px: Float[np.ndarray, "*points camera"],
+    usual_from_m: float,
+) -> Triangulation:
+    """Of the best pair of views of each point, part by part; the angle counts nearer than usual_from_m as a length."""
     shape, pairs = weights.shape[:-1], _pairs(rig.n_cameras)
     n_proposals = math.prod(shape) * len(pairs)
     if 0 < n_proposals <= _PROPOSALS_AT_ONCE:
-        return _of_best_pair(points_px, weights, rig, inlier_px, pairs)
+        return _of_best_pair(points_px, weights, rig, inlier_px, pairs, usual_from_m)
     found = Triangulation(np.full((*shape, 3), np.nan), np.zeros(weights.shape, dtype=bool))
     at_once = max(1, _PROPOSALS_AT_ONCE * shape[0] // max(1, n_proposals))
     for start in range(0, shape[0] if n_proposals else 0, at_once):
         part = slice(start, start + at_once)
-        agreed = _of_best_pair(points_px[part], weights[part], rig, inlier_px[part], pairs)
+        agreed = _of_best_pair(points_px[part], weights[part], rig, inlier_px[part], pairs, usual_from_m)
         found.positions_m[part], found.inliers[part] = agreed.positions_m, agreed.inliers
     return found
 
@@ -127,9 +153,10 @@ def _of_best_pair(
     rig: CameraRig,
     inlier_px: Float[np.ndarray, "*points camera"],
     pairs: Int[np.ndarray, "pair 2"],
+    usual_from_m: float,
 ) -> Triangulation:
     proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
-    scores, inliers = _score(proposals_m, points_px, weights, rig, inlier_px)
+    scores, inliers = _score(proposals_m, points_px, weights, rig, inlier_px, usual_from_m)
     best = np.argmax(scores, axis=-1)
     inliers = np.take_along_axis(inliers, best[..., None, None], axis=-2)[..., 0, :]
     positions_m = triangulate(points_px, np.where(inliers, weights, 0.0), rig.projection_matrices)
@@ -151,6 +178,7 @@ def _score(
     weights: Float[np.ndarray, "*points camera"],
     rig: CameraRig,
     inlier_px: Float[np.ndarray, "*points camera"],
+    usual_from_m: float,
 ) -> tuple[Float[np.ndarray, "*points pair"], Bool[np.ndarray, "*points pair camera"]]:
     """MSAC score and inlier views of the point that each pair of views proposes."""
     projected = np.einsum("cij,...j->...ci", rig.projection_matrices[..., :3], proposals_m)
@@ -158,7 +186,12 @@ def _score(
     in_front = projected[..., 2:] > 0
     blank = np.full((*projected.shape[:-1], 2), np.nan)
     pixels = np.divide(projected[..., :2], projected[..., 2:], out=blank, where=in_front)
-    error = np.sum((pixels - points_px[..., None, :, :]) ** 2, axis=-1) / inlier_px[..., None, :] ** 2
+    threshold_px = inlier_px[..., None, :]
+    if usual_from_m > 0:
+        depth_m = projected[..., 2]
+        wider = np.maximum(usual_from_m / np.maximum(depth_m, _NEAREST_M), 1.0)
+        threshold_px = threshold_px * np.where(depth_m < _NEAR_M, wider, 1.0)
+    error = np.sum((pixels - points_px[..., None, :, :]) ** 2, axis=-1) / threshold_px**2
     inliers = (error < 1.0) & (weights > 0)[..., None, :]
     score = np.sum(np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0), axis=-1)
     return score, inliers

@@ -12,7 +12,7 @@ from fgpose.config import Config, DepthConfig, FusionConfig
 from fgpose.estimation.evidence.inputs import check_inputs
 from fgpose.estimation.noise import surely_positive
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.triangulation import USUAL_FROM_M, triangulate_robust
 from fgpose.observations import Observations
 from fgpose.shown import Shown
 from fgpose_factors import robust_weight
@@ -53,8 +53,10 @@ def fuse(observations: Observations, rig: CameraRig, config: Config | None = Non
     observations.check_cameras(rig.names)
     undistorted_px = rig.undistort(observations.points2d_px)
     inlier_px = rig.in_own_px(config.fusion.inlier_px)
-    triangulated_m = triangulate_robust(undistorted_px, observations.confidence, rig, inlier_px).positions_m
-    return fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config)
+    triangulated = triangulate_robust(
+        undistorted_px, observations.confidence, rig, inlier_px, usual_from_m=USUAL_FROM_M
+    )
+    return fuse_undistorted(observations, triangulated.positions_m, undistorted_px, rig, config)
 
 
 def fuse_undistorted(

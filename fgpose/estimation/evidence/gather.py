@@ -26,7 +26,7 @@ from fgpose.estimation.evidence.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.geometry.per_view.view_depth import RELATIVE_SIGMA, ViewDepth
-from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.triangulation import USUAL_FROM_M, triangulate_robust
 from fgpose.observations import Observations, blanked
 from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
@@ -203,7 +203,8 @@ def _triangulated(
     far from it."""
 
     def found_m(px: np.ndarray, confidence: np.ndarray) -> Float[np.ndarray, "frame joint 3"]:
-        positions_m = triangulate_robust(px, confidence, rig, rig.in_own_px(config.inlier_px)).positions_m
+        inlier_px = rig.in_own_px(config.inlier_px)
+        positions_m = triangulate_robust(px, confidence, rig, inlier_px, usual_from_m=USUAL_FROM_M).positions_m
         positions_m[(np.abs(positions_m) > FARTHEST_M).any(axis=-1)] = np.nan
         return positions_m
 

@@ -6,7 +6,14 @@ import pytest
 from scipy.optimize import least_squares
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.triangulation import _MAX_PAIRS, Triangulation, _pairs, triangulate, triangulate_robust
+from fgpose.geometry.triangulation import (
+    _MAX_PAIRS,
+    USUAL_FROM_M,
+    Triangulation,
+    _pairs,
+    triangulate,
+    triangulate_robust,
+)
 from fgpose_benchmarks.synthetic import ring_rig
 
 NAN = np.nan
@@ -252,3 +259,58 @@ def test_what_no_image_holds_is_missing(far_px: float, rig: CameraRig) -> None:
     without_m = triangulate(points2d_px, weights, rig.projection_matrices)
     points2d_px[:, 0], weights[:, 0] = far_px, 1.0
     np.testing.assert_array_equal(triangulate(points2d_px, weights, rig.projection_matrices), without_m)
+
+
+def contradicting(radius_m: float, off_m: float) -> tuple[np.ndarray, CameraRig, np.ndarray]:
+    """A point in the middle of a ring; one of the first two cameras sees it off_m higher, the other ones not at all."""
+    ring = ring_rig(radius_m=radius_m, height_m=1.0)
+    point_m = np.array([[0.0, 0.0, 1.0]])
+    points_px = seen(point_m, ring)
+    points_px[:, 1] = seen(point_m + np.array([0.0, 0.0, off_m]), ring)[:, 1]
+    points_px[:, 2:] = NAN
+    undistorted_px = np.moveaxis(points_px, 1, 0)
+    return undistorted_px, ring, np.isfinite(undistorted_px).all(axis=-1).astype(float)
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "off_m", "alone", "near"),
+    [
+        (1.0, 0.03, True, True),  # 15 of 17 mm
+        (1.0, 0.12, False, True),
+        (1.0, 0.16, False, False),
+        (2.0, 0.12, False, True),
+        (3.2, 0.13, False, False),  # 65 of 56 mm, and not near
+        (USUAL_FROM_M, 0.12, True, True),
+        (USUAL_FROM_M, 0.16, False, False),
+        (8.0, 0.26, True, True),  # the angle is wider than the length
+        (8.0, 0.32, False, False),
+    ],
+)
+def test_near_cameras_may_err_by_the_lengths_by_which_far_ones_may(
+    radius_m: float, off_m: float, alone: bool, near: bool
+) -> None:
+    """The point that two rays give is in the middle between them, half of off_m away from each; 70 mm may be."""
+    undistorted_px, ring, confidence = contradicting(radius_m, off_m)
+    found = triangulate_robust(undistorted_px, confidence, ring)
+    with_length = triangulate_robust(undistorted_px, confidence, ring, usual_from_m=USUAL_FROM_M)
+    assert bool(np.isfinite(found.positions_m).all()) == alone
+    assert bool(np.isfinite(with_length.positions_m).all()) == near
+    if alone:
+        np.testing.assert_array_equal(with_length.positions_m, found.positions_m)
+    if near:
+        # The rays meet at a height that is the mean of both, to the second order of off_m / radius_m.
+        np.testing.assert_allclose(with_length.positions_m[0], [0, 0, 1 + off_m / 2], atol=off_m**2 / radius_m)
+
+
+def test_views_that_agree_near_to_the_cameras_are_not_joined_by_one_that_does_not(
+    truth_m: np.ndarray, rng: np.random.Generator
+) -> None:
+    near = ring_rig(radius_m=1.5)
+    points_px = seen(truth_m, near) + rng.normal(size=(50, 4, 2))
+    points_px[:, 0] = seen(truth_m + np.array([0.0, 0.0, 0.06]), near)[:, 0]
+    undistorted_px = np.moveaxis(points_px, 1, 0)
+    confidence = np.isfinite(undistorted_px).all(axis=-1).astype(float)
+    found = triangulate_robust(undistorted_px, confidence, near)
+    with_length = triangulate_robust(undistorted_px, confidence, near, usual_from_m=USUAL_FROM_M)
+    np.testing.assert_array_equal(with_length.inliers, found.inliers)
+    np.testing.assert_array_equal(with_length.positions_m, found.positions_m)
