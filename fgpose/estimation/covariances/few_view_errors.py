@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.estimation.covariances.other_side import other_side_m2, rays_to
-from fgpose.estimation.covariances.uncertainty import at_least
+from fgpose.estimation.covariances.other_side import SteadyDistances, other_points_m, other_side_m2, rays_to
+from fgpose.estimation.covariances.uncertainty import at_least, holders
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import ROUNDING
 from fgpose.estimation.visibility.agreement import BONE_M, log_likelihood_of_bones
@@ -29,6 +29,7 @@ def widened(
     lasting: Float[np.ndarray, " joint"],
     rig: CameraRig,
     skeleton: Skeleton,
+    distances: SteadyDistances | None = None,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """The covariance of the graph with what it does not know: what cameras that all stand a little wrong do, the errors
     of joints that fewer than two cameras surely see, and that others may be right than those that are believed.
@@ -40,13 +41,14 @@ def widened(
         lasting: variance of the lasting errors of each joint's detections, in that of the graph.
         rig: the cameras.
         skeleton: for the bones.
+        distances: what was learned of them; None: these frames tell.
     """
     covariance_m2 = at_least(covariance_m2, evidence.bias_m2)
     if not evidence.observed.all():
         least_m2 = sole_view_errors_m2(evidence, positions_m, lasting, rig)
         covariance_m2 = at_least(covariance_m2, least_m2) + other_explanations_m2(evidence, positions_m, rig, skeleton)
     covariance_m2 = covariance_m2 + contradicted_m2(evidence, positions_m, rig, skeleton)
-    return covariance_m2 + taken_for_mirrored_m2(evidence, positions_m, rig, skeleton)
+    return covariance_m2 + taken_for_mirrored_m2(evidence, positions_m, rig, skeleton, distances)
 
 
 def contradicted_m2(
@@ -148,20 +150,51 @@ def other_explanations_m2(
 
 
 def taken_for_mirrored_m2(
-    evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, skeleton: Skeleton
+    evidence: Evidence,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    rig: CameraRig,
+    skeleton: Skeleton,
+    distances: SteadyDistances | None = None,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """Second moment of where each joint would be if all views but one had taken the one on the other side of the body
-    for it. That may be so where both are detected in one place. 0 for all other joints.
+    for it. That may be so where both are detected in one place, as every view from the side shows them: then it is as
+    likely as the estimate, unless the distances within a head or a trunk tell. 0 for all other joints.
+
+    Args:
+        evidence, positions_m, rig, skeleton: as for widened.
+        distances: what was learned of them; None: these frames tell.
     """
-    mirror = skeleton.mirror
-    apart_px = np.linalg.norm(evidence.undistorted_px - evidence.undistorted_px[:, :, mirror], axis=-1)
-    in_one_place = (apart_px < _ONE_PLACE_SIGMAS * evidence.sigma_px) & (mirror != np.arange(len(mirror)))
+    mirror, in_one_place = skeleton.mirror, _in_one_place(evidence, skeleton)
     others = evidence.believed & ~in_one_place
     doubtful = in_one_place.any(axis=1) & (others.sum(axis=1) == 1)
     if not doubtful.any():
         return np.zeros((*positions_m.shape, 3))
+    if distances is None:
+        distances = SteadyDistances(skeleton.n_joints)
+        distances.learn(positions_m, told_apart(evidence, skeleton))
     ray = np.sum(np.where(others[..., None], rays_to(positions_m, rig), 0.0), axis=1)
-    return other_side_m2(0.5 * doubtful, ray, positions_m, skeleton)  # it is as likely as the estimate
+    share = np.zeros(doubtful.shape)
+    for joint, holder in holders(skeleton):
+        frames = np.flatnonzero(doubtful[:, joint])
+        if len(frames):
+            sure = evidence.observed[frames] & ~doubtful[frames]
+            sure[:, mirror[joint]] = evidence.observed[frames, mirror[joint]]  # both are not taken for each other
+            pose_m = positions_m[frames]
+            odds = distances.log_odds(joint, other_points_m(joint, holder, ray[frames], pose_m), pose_m, sure)
+            share[frames, joint] = 1 / (1 + np.exp(np.maximum(-odds, 0.0)))  # nothing is more likely than the estimate
+    return other_side_m2(share, ray, positions_m, skeleton)
+
+
+def told_apart(evidence: Evidence, skeleton: Skeleton) -> Bool[np.ndarray, "frame joint"]:
+    """The joints that two cameras see, and not in one place with the one on the other side of the body."""
+    return evidence.observed & ~_in_one_place(evidence, skeleton).any(axis=1)
+
+
+def _in_one_place(evidence: Evidence, skeleton: Skeleton) -> Bool[np.ndarray, "frame camera joint"]:
+    """Where both joints of a pair are detected so near to each other that they may be one."""
+    mirror = skeleton.mirror
+    apart_px = np.linalg.norm(evidence.undistorted_px - evidence.undistorted_px[:, :, mirror], axis=-1)
+    return np.asarray((apart_px < _ONE_PLACE_SIGMAS * evidence.sigma_px) & (mirror != np.arange(len(mirror))))
 
 
 def _reach_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> Float[np.ndarray, "frame joint"]:

@@ -10,10 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.covariances.few_view_errors import widened
+from fgpose.estimation.covariances.few_view_errors import told_apart, widened
 from fgpose.estimation.covariances.filter_response import FilterResponse, filter_responses, index_of_gain
 from fgpose.estimation.covariances.joints_alone import Directions, InGraph
-from fgpose.estimation.covariances.other_side import may_have_crossed, off_across, other_side_m2, sole_rays
+from fgpose.estimation.covariances.other_side import (
+    SteadyDistances,
+    may_have_crossed,
+    off_across,
+    other_side_m2,
+    sole_rays,
+)
 from fgpose.estimation.covariances.roughness import NewestPose, RunningRoughness
 from fgpose.estimation.covariances.running_errors import (
     RunningErrors,
@@ -40,6 +46,7 @@ class OnlineCovariances:
         self.errors, self.roughness = RunningErrors(n_cameras, skeleton.joints), RunningRoughness()
         self._config, self._information = config, np.zeros((skeleton.n_joints, 2, 3, 3))
         self._unlearned_s = 0.0
+        self._distances = SteadyDistances(skeleton.n_joints)
         self._least_off = np.full(skeleton.n_joints, np.inf)
         """off_across of each joint when it was least since two cameras saw it, until _sides_s."""
         self._sides_s = -np.inf
@@ -59,6 +66,7 @@ class OnlineCovariances:
             keep = np.where(seen, np.exp(-self._unlearned_s / NEARBY_S), 1.0)
             self._information = keep * self._information + (1 - keep) * by_axis
             self._unlearned_s = 0.0
+            self._distances.learn(positions_m[None], told_apart(evidence, oldest.observations.skeleton))
         if evidence.observed.any():
             self._speed_mps = float(np.linalg.norm(oldest.velocities_mps[evidence.observed[0]].mean(axis=0)))
         self.roughness.compare(oldest.at.frame, positions_m, evidence.observed[0] & oldest.active)
@@ -173,7 +181,7 @@ class OnlineCovariances:
             covariance_m2 += self.errors.of_cameras_m2(evidence, state.positions_m, views[1], rig)
         covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]
         lasting = self.errors.components.lasting
-        widened_m2 = widened(covariance_m2, evidence, positions_m, lasting, rig, skeleton)
+        widened_m2 = widened(covariance_m2, evidence, positions_m, lasting, rig, skeleton, self._distances)
         widened_m2 = widened_m2 + self._other_side_m2(state, widened_m2, rig)
         swing = unseen_s[None], skeleton, self._config.swing, widened_m2 - covariance_m2
         return with_swing(widened_m2, positions_m, *swing, 1 - evidence.credible, self._speed_mps)[0]

@@ -9,7 +9,11 @@ import pytest
 from scipy.stats import chi2
 
 import fgpose
-from fgpose.estimation.covariances.few_view_errors import contradicted_m2, other_explanations_m2
+from fgpose.estimation.covariances.few_view_errors import (
+    contradicted_m2,
+    other_explanations_m2,
+    taken_for_mirrored_m2,
+)
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
 from fgpose.geometry.camera import CameraRig
@@ -113,6 +117,46 @@ def test_of_views_that_contradict_each_other_the_believed_one_is_wrong_as_often_
     # If it is wrong, each of the three others is as likely.
     assert np.trace(moment_m2[0, WRIST]) == pytest.approx(wrong / 3 * across_m2, rel=0.01)
     assert not np.delete(moment_m2[0], WRIST, axis=0).any()
+
+
+def turning_head(n_frames: int) -> tuple[Evidence, np.ndarray, fgpose.Skeleton, CameraRig]:
+    """Seen by two cameras at right angles, without errors; it ends in profile to the first one. And the pose."""
+    joints = ("nose", "left_eye", "right_eye", "left_ear", "right_ear")
+    head = fgpose.Skeleton("head", joints, ((0, 1), (0, 2), (1, 3), (2, 4)), (0,), ((1, 2), (3, 4)))
+    at_m = np.array([[0, 0, 0], [-0.03, 0.03, 0.03], [-0.03, -0.03, 0.03], [-0.1, 0.07, 0.01], [-0.1, -0.07, 0.01]])
+    pair = RIG.subset(RIG.names[:2])
+    # From where the head looks at the first camera: the nose is along the ray of the second one at the end.
+    angle = np.pi / 4 + np.linspace(0.3, np.pi / 2, n_frames)
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    pose_m = np.tile(at_m, (n_frames, 1, 1))
+    pose_m[..., :2] = np.einsum("ikt,tjk->tji", R, pose_m[..., :2])
+    pose_m[..., 2] += 1.6
+    seen = Observations(head, np.arange(n_frames) / 30, pair.project(pose_m), camera_names=pair.names)
+    return gather(seen, pair, fgpose.Config()), pose_m, head, pair
+
+
+def test_ears_that_a_view_from_the_side_shows_in_one_place_are_not_in_doubt() -> None:
+    evidence, pose_m, head, pair = turning_head(90)
+    ear = head.index("left_ear")
+    moment_m2 = taken_for_mirrored_m2(evidence, pose_m, pair, head)
+    # The nose or the other ear speak against the other place, 140 mm away, at 70 to 1 (see test_other_side).
+    assert np.sqrt(np.trace(moment_m2[-1, ear])) < 0.14 / np.sqrt(60)
+    evidence, pose_m, head, pair = turning_head(10)  # which tell nothing of the head
+    moment_m2 = taken_for_mirrored_m2(evidence, pose_m, pair, head)
+    # The ear is 70 mm behind the eye, along the ray of the second camera: half of (140 mm)^2.
+    assert np.sqrt(np.trace(moment_m2[-1, ear])) == pytest.approx(0.14 / np.sqrt(2), rel=0.15)
+
+
+def test_an_ear_that_is_put_on_the_other_one_stays_in_doubt() -> None:
+    """Of a head that was told apart before: its distances speak against the estimate."""
+    evidence, pose_m, head, pair = turning_head(90)
+    ear, wrong_m = head.index("left_ear"), pose_m.copy()
+    ray = pose_m[-1, ear] - pair.cameras[1].position_m
+    ray /= np.linalg.norm(ray)
+    wrong_m[-1, ear] -= 2 * ((pose_m[-1, ear] - pose_m[-1, head.index("left_eye")]) @ ray) * ray
+    moment_m2 = taken_for_mirrored_m2(evidence, wrong_m, pair, head)
+    error_m = wrong_m[-1, ear] - pose_m[-1, ear]
+    np.testing.assert_allclose(moment_m2[-1, ear], np.outer(error_m, error_m) / 2, rtol=0.01, atol=1e-5)
 
 
 @pytest.mark.slow

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.estimation.covariances.other_side import may_have_crossed, off_across, other_side_m2, share_of_other_side
+from fgpose.estimation.covariances.other_side import (
+    SteadyDistances,
+    may_have_crossed,
+    off_across,
+    other_side_m2,
+    share_of_other_side,
+)
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
@@ -79,3 +85,45 @@ def test_an_arm_that_one_camera_sees_is_not_too_certain(
         within.append(np.mean(np.einsum("tji,tjik,tjk->tj", error_m, inverse, error_m) < ELLIPSOID))
     # 99 % each; as if the side were known, 50 to 94.
     assert min(within) > 0.95
+
+
+HEAD_M = np.array([[0.0, 0.0, 0.0], [-0.03, 0.03, 0.03], [-0.1, 0.07, 0.01], [-0.1, -0.07, 0.01]])
+"""Nose, left eye, both ears."""
+
+
+def turning_heads_m(n_frames: int, rng: np.random.Generator) -> np.ndarray:
+    """Frames of a head that turns by all angles and goes about, with errors of 5 mm."""
+    angle = np.linspace(0, 2 * np.pi, n_frames)
+    R = np.moveaxis(np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), -1, 0)
+    heads_m = np.tile(HEAD_M, (n_frames, 1, 1)) + rng.normal(0.0, 0.005, (n_frames, *HEAD_M.shape))
+    heads_m[..., :2] = np.einsum("tik,tjk->tji", R, heads_m[..., :2])
+    return heads_m + np.array([0.0, 0.0, 1.6]) + angle[:, None, None] * [0.3, 0.1, 0.0]
+
+
+def test_distances_within_a_head_tell_on_which_side_of_the_eye_an_ear_is() -> None:
+    rng = np.random.default_rng(0)
+    distances, sure = SteadyDistances(4), np.ones((1, 4), dtype=bool)
+    head_m = HEAD_M[None].copy()
+    before_m = head_m[:, 2] + [0.14, 0.0, 0.0]  # 70 mm before the eye as it is 70 mm behind it
+    assert distances.log_odds(2, before_m, head_m, sure)[0] == 0.0  # nothing is known
+    heads_m = turning_heads_m(60, rng)
+    distances.learn(heads_m[:20], np.ones((20, 4), dtype=bool))
+    assert distances.log_odds(2, before_m, head_m, sure)[0] == 0.0  # less than a second
+    distances.learn(heads_m[20:], np.ones((40, 4), dtype=bool))
+    # It is 122 mm from the nose; there 81 mm, and 197 instead of 140 mm from the other ear: 3.8 times 15 mm off, which
+    # is 73 to 1 in that distribution.
+    assert distances.log_odds(2, before_m, head_m, sure)[0] < -np.log(50)
+    wrong_m = head_m.copy()
+    wrong_m[:, 2] = before_m
+    assert distances.log_odds(2, head_m[:, 2], wrong_m, sure)[0] > np.log(50)
+    assert distances.log_odds(2, before_m, head_m, np.zeros((1, 4), dtype=bool))[0] == 0.0
+
+
+def test_distances_between_joints_that_move_tell_nothing() -> None:
+    """One of them goes up and down by 200 mm, and its distances by 40 mm or more."""
+    heads_m, distances = turning_heads_m(60, np.random.default_rng(0)), SteadyDistances(4)
+    heads_m[:, 2] += 0.2 * np.sin(np.linspace(0, 20, 60))[:, None] * Z
+    sure = np.ones((60, 4), dtype=bool)
+    distances.learn(heads_m, sure)
+    assert not distances.log_odds(2, heads_m[:, 2] + 0.3 * Z, heads_m, sure).any()
+    assert distances.log_odds(3, heads_m[:, 3] + 0.3 * Z, heads_m, sure).max() < -np.log(50)
