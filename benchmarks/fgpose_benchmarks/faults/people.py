@@ -243,7 +243,13 @@ PEOPLE: tuple[Damage, ...] = (
     Damage("one camera alone", (Code.FEW_CAMERAS, Code.BLIND_CAMERA, Code.GAP), _alone),
     Damage(
         "a coat stand",
-        (Code.HALLUCINATING_CAMERA, Code.FROZEN_CAMERA, Code.OTHER_PERSON, Code.WRONG_CAMERA),
+        (
+            Code.THING_FOR_PERSON,
+            Code.HALLUCINATING_CAMERA,
+            Code.FROZEN_CAMERA,
+            Code.OTHER_PERSON,
+            Code.WRONG_CAMERA,
+        ),
         _hallucinating,
         3,
         is_constant=True,

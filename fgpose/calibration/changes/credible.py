@@ -101,7 +101,8 @@ def clock_matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
 
 
 def move_matters(fit: PoseFit, *, walks: bool, of_posture: bool) -> bool:
-    """Whether rays miss each other by more than those of right cameras.
+    """Whether rays miss each other by more than those of right cameras; and of a camera that was put back whether it is
+    certain that it went anywhere, for what comes and goes may be the motion that is cut off by a filter.
 
     Args:
         walks: whether somebody does, at any time.
@@ -109,7 +110,14 @@ def move_matters(fit: PoseFit, *, walks: bool, of_posture: bool) -> bool:
             leave it: errors of networks are then others too.
     """
     least_m = (_SHIFT_OF_WALKING_M if walks else _SHIFT_M)[fit.kind]
-    return fit.shift > _SHIFT and fit.shift_m > max(least_m, _SHIFT_OF_POSTURE_M if of_posture else 0.0)
+    is_far = fit.shift > _SHIFT and fit.shift_m > max(least_m, _SHIFT_OF_POSTURE_M if of_posture else 0.0)
+    return is_far and (fit.end_edges is None or _is_certain(fit))
+
+
+def _is_certain(fit: PoseFit) -> bool:
+    """Whether the camera has turned or moved by more than two standard deviations."""
+    turned, moved_m = (float(np.linalg.norm(each)) for each in (fit.rotation, fit.translation_m))
+    return turned > 2 * fit.sigma_rotation or moved_m > 2 * fit.sigma_translation_m
 
 
 def lens_matters(fit: LensFit) -> bool:
