@@ -195,9 +195,9 @@ def test_a_recording_is_gathered_once(source: Source[Observations], monkeypatch:
         undistorted[camera.name] += points_px.size
         return undistort(camera, points_px)
 
-    def counting_triangulate(undistorted_px: np.ndarray, *arguments: Any) -> Triangulation:
+    def counting_triangulate(undistorted_px: np.ndarray, *arguments: Any, **options: Any) -> Triangulation:
         triangulated.append(undistorted_px.size)
-        return triangulate_robust(undistorted_px, *arguments)
+        return triangulate_robust(undistorted_px, *arguments, **options)
 
     monkeypatch.setattr(Camera, "undistort", counting_undistort)
     for module in (gather_module, fusion):
