@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.hypotheses.consistency import STEADY, consistency, unsteadiness
 from fgpose.diagnosis.hypotheses.scene import CameraView, SynchronousViews
+from fgpose.geometry.rigid import pose_of
 
 # Half of the rays of a camera that agrees pass the joints of the others by less (state.NORMAL_M).
 _FITS_M = 0.07
@@ -27,6 +28,7 @@ _RATES = (2.0, 0.5, 4.0, 0.25, *_NEAR_RATES, 2.4, 1 / 2.4, 2.5, 0.4, 5 / 3, 0.6)
 _STARTS_S = 0.5
 _PAIR_REACH_S, _PAIR_FRAMES = 5.0, 120  # of every pair where none is known to be right
 _ALIKE = 0.4  # correlation of the same motion in two views; of two motions it is around 0
+_LEAST_SIGMA_M = 1e-3  # keypoints without errors, as of simulations, agree exactly
 _RANSAC_PX = 30.0  # in images of a focal length of 1000 px: 0.12 m at 4 m
 
 
@@ -208,8 +210,7 @@ def _pose_that_fits(
     )
     if not found:
         return None
-    camera_T_world = np.eye(4)
-    camera_T_world[:3, :3], camera_T_world[:3, 3] = cv2.Rodrigues(rotation)[0], t_m.ravel()
+    camera_T_world = pose_of(cv2.Rodrigues(rotation)[0], t_m.ravel())
     for pose in (_least_moved(view, joints_m, used, camera_T_world, sigma_m), np.linalg.inv(camera_T_world)):
         held_out = _missed_m(view.at(pose), joints_m)[known & ~used]
         if np.median(held_out) < _FITS_M:
@@ -226,13 +227,13 @@ def _least_moved(
 ) -> Float[np.ndarray, "4 4"]:
     """The most probable pose, where bumps are the more probable the smaller they are: somebody who hardly leaves the
     middle of the image tells turns and moves to the side hardly apart, and what the others are wrong by makes one look
-    like the other. Joints of one stretch of time are wrong alike, so each stretch counts once."""
+    like the other. Joints of one stretch of time are wrong alike: it counts as two measurements, however many."""
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
 
     given = view.camera.camera_T_world
     points_m, seen = joints_m[used], view.in_camera[used][:, :2] / view.in_camera[used][:, 2:]
-    weight = np.sqrt(_STRETCHES / len(points_m))
+    weight, sigma_m = np.sqrt(_STRETCHES / len(points_m)), max(sigma_m, _LEAST_SIGMA_M)
 
     def errors(change: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " residual"]:
         in_camera = Rotation.from_rotvec(change[:3]).apply(points_m @ given[:3, :3].T + given[:3, 3]) + change[3:]
@@ -246,6 +247,4 @@ def _least_moved(
     fitted = camera_T_world @ np.linalg.inv(given)
     starts = (np.zeros(6), np.concatenate([Rotation.from_matrix(fitted[:3, :3]).as_rotvec(), fitted[:3, 3]]))
     change = min((least_squares(errors, start) for start in starts), key=lambda found: found.cost).x
-    moved = np.eye(4)
-    moved[:3, :3], moved[:3, 3] = Rotation.from_rotvec(change[:3]).as_matrix(), change[3:]
-    return np.linalg.inv(moved @ given)
+    return np.linalg.inv(pose_of(Rotation.from_rotvec(change[:3]).as_matrix(), change[3:]) @ given)
