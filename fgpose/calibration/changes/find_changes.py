@@ -81,13 +81,14 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     changes, lenses = _one_by_one(people, rig, step_s)
     poses, clocks = _by_cause(changes)
     seen_through = _with_lenses(rig, lenses)
-    jumps = lost_images(Comparison.of(people, seen_through, step_s, poses), clocks)
+    beside_poses = Comparison.of(people, seen_through, step_s, poses)
+    jumps = lost_images(beside_poses, clocks)
     if jumps:
         # Clocks that jump again and again look like moved cameras and other lenses: these are looked for beside them.
         changes, lenses = _one_by_one(people, rig, step_s, jumps)
         poses, seen_through = _by_cause(changes)[0], _with_lenses(rig, lenses)
         changes = [*(lost_images(Comparison.of(people, seen_through, step_s, poses), clocks) or jumps), *poses]
-    with_all = Comparison.of(people, seen_through, step_s, changes)
+    with_all = Comparison.of(people, seen_through, step_s, changes) if jumps or clocks else beside_poses
     agree = bool(lenses) and _all_agree(with_all)
     breathing = breathing_lenses(with_all) if somebody_walks(with_all.rays, with_all.blocks) else ()
     return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses), agree, breathing)

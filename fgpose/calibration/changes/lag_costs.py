@@ -159,9 +159,13 @@ def somebody_walks(rays: Rays, blocks: Blocks) -> bool:
     return bool(spreads) and bool((np.median(spreads, axis=0) > (_WALKS_RAD, _WALKS_M)).all())
 
 
-def robust(angle: Float[np.ndarray, "*shape"], scale: float) -> Float[np.ndarray, "*shape"]:
-    """Half of Cauchy's kernel, whitened."""
-    return 0.5 * KERNEL**2 * np.log1p((angle / (KERNEL * scale)) ** 2)
+def robust(
+    angle: Float[np.ndarray, "*shape"], scale: float, out: Float[np.ndarray, "*shape"] | None = None
+) -> Float[np.ndarray, "*shape"]:
+    """Half of Cauchy's kernel, whitened; in the place of an array that nobody needs any more, if one is given."""
+    cost = np.divide(angle, KERNEL * scale, out=out)
+    np.log1p(np.square(cost, out=cost), out=cost)
+    return np.multiply(0.5 * KERNEL**2, cost, out=cost)
 
 
 def weighted(
@@ -232,11 +236,7 @@ def costs_of_samples(
     n_reach = int(np.ceil(n_lags * rays.step_s / blocks.length_s))
     share = motion_share(moved, rays.direction[a, blocks.index], baseline_m, blocks.block, n_reach, by_errors)
     weight *= share[blocks.block][:, None]
-    # As robust does, in place: of an hour each takes 20 MB.
-    angles /= KERNEL * scale
-    np.log1p(np.square(angles, out=angles), out=angles)
-    angles *= 0.5 * KERNEL**2
-    return angles, weight, scale, share
+    return robust(angles, scale, out=angles), weight, scale, share  # of an hour each takes 20 MB
 
 
 def _angles(

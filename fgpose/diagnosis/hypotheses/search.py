@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -117,11 +117,12 @@ def _found_but_for_one(
         return None
     best, after = ranked[chosen]
     odd = int(np.argmax(np.nan_to_num(after.consistency.costs, nan=-1.0)))
-    found = Explanation((best,), SearchState(judge), after, None, (odd,))
-    given, put_right = found.of_others(judge), found.of_others(best.mend(judge))
-    after = SearchState(put_right)
-    explained = after.is_normal and after.cost < EXPLAINED * SearchState(given).cost and _all_the_time(given, put_right)
-    return replace(found, after=after) if explained and best.cameras != (odd,) else None
+    others = [c for c in range(judge.n_cameras) if c != odd]
+    before, after = SearchState(judge.cameras(others)), SearchState(best.mend(judge).cameras(others))
+    explained = after.is_normal and after.cost < EXPLAINED * before.cost and _all_the_time(before.scene, after.scene)
+    return (
+        Explanation((best,), SearchState(judge), after, None, (odd,)) if explained and best.cameras != (odd,) else None
+    )
 
 
 def _pair_found(coarse: SynchronousViews, fine: SynchronousViews, judge: SynchronousViews) -> Explanation | None:
