@@ -76,7 +76,7 @@ def lost_images(found: Changes, names: Sequence[str], together: bool) -> list[Fi
     """One by one, unless there are so many that their moments are told together: of one camera, or of several."""
     jumps = sorted((each for each in found.changes if each.kind is Kind.JUMP), key=lambda each: each.at_s)
     of_camera = {c: [each for each in jumps if each.camera == c] for c in sorted({each.camera for each in jumps})}
-    if len(of_camera) > 1 and len(jumps) > 2 * len(of_camera):
+    if len(of_camera) > 1 and len(jumps) > _ONE_BY_ONE * len(of_camera):
         return [_lost_by_several(of_camera, found, names, together)]
     findings = []
     for c, own in of_camera.items():
