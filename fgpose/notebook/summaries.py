@@ -270,7 +270,7 @@ def _(tracker: Tracker) -> Summary:
     facts = {
         **_online(tracker.config),
         "restarted processes": f"{tracker.n_restarts:,}" if tracker.n_restarts else "",
-        "cameras left out": listed(sorted(tracker.left_out)),
+        "cameras left out": listed(sorted(tracker.set_clocks)),
     }
     return Summary(f"Tracker: {counted(tracker.rig.n_cameras, 'camera')}, {_skeleton(tracker)}", _known(facts))
 

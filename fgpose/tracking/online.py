@@ -70,6 +70,7 @@ class Tracker(Shown, Exclusive):
         self._estimators = ParallelEstimators(rig, skeleton, self.config, answers_within_s)
         self._bones = KnownBones()
         self._people: list[Tracked] = []
+        self._used: tuple[Detections, ...] = ()
         self._nobodys: dict[str, Detections] = {}
         self._waiting: list[Detections] = []
         """Images that are far later than all before."""
@@ -133,10 +134,10 @@ class Tracker(Shown, Exclusive):
                 them (OneMoment), or its clock was set (ClockSteps); all clocks were set back; or times are not in
                 seconds.
         """
-        taken = self._taken(images)
+        self._used = tuple(self._taken(images))
         if not images:
             self._people = []
-        for moment in moments_of(taken):
+        for moment in moments_of(self._used):
             self._people = self._update(moment)
         del self._follower.events[:-_MOST_EVENTS]
         return list(self._people)
@@ -157,18 +158,18 @@ class Tracker(Shown, Exclusive):
         return self._estimators.offsets
 
     @property
-    def left_out(self) -> Set[str]:
-        """Cameras whose newest images are left out, as their clocks were set (ClockSteps)."""
-        return set(np.array(self.rig.names)[self._steps.left_out].tolist())
+    def used(self) -> tuple[Detections, ...]:
+        """Images that the last update has used; Tracked.seen says who is in them."""
+        return self._used
 
     def leaves_out(self, image: Detections) -> bool:
-        """Whether an image would be one of these, if it came next."""
+        """Whether an image would be left out if it came next, as the clock of its camera was set (ClockSteps)."""
         is_own = np.array(self.rig.names) == image.camera
         return bool(self._steps.plus(np.where(is_own, image.time_s, np.nan)).left_out[is_own].any())
 
     @property
     def set_clocks(self) -> dict[str, str]:
-        """What is said of these cameras, of which it is sure."""
+        """By camera what is said of its clock, of which it is sure that it was set: its images are left out."""
         return {self.rig.names[c]: self._steps.in_words(c) for c in np.flatnonzero(self._steps.lasts).tolist()}
 
     @exclusive

@@ -67,8 +67,9 @@ class ClockSteps:
         after = copy(self)
         for name in ("_newest_s", "_steps_s", "_lead_s", "_since_s", "by_s", "lasts"):
             setattr(after, name, getattr(self, name).copy())
+        after._newest_s = np.where(np.isfinite(taken_s), taken_s, self._newest_s)
         for c in np.flatnonzero(np.isfinite(taken_s)).tolist():
-            after._add(c, float(taken_s[c]))
+            after._add(c, float(taken_s[c] - self._newest_s[c]))
         after._settle()
         return after
 
@@ -89,11 +90,10 @@ class ClockSteps:
             f"those of the others were not; its images are left out until it is right again{of_two}"
         )
 
-    def _add(self, c: int, time_s: float) -> None:
-        step_s, others_s, limit_s = time_s - self._newest_s[c], self._newest_of_others(c), self._limit_s(c)
-        lead_s = time_s - others_s
+    def _add(self, c: int, step_s: float) -> None:
+        others_s, limit_s = self._newest_of_others(c), self._limit_s(c)
+        lead_s = self._newest_s[c] - others_s
         ahead_s = lead_s - self._lead_s[c]
-        self._newest_s[c] = time_s
         if abs(ahead_s) > FAR_S:  # not of one camera, or the image would be refused
             self._lead_s[c], self.by_s[c], self.lasts[c] = np.nan, 0.0, False
             return

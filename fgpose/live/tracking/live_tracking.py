@@ -127,7 +127,7 @@ class LiveTracking:
             return [Update((replace(image, is_used=False),), (), ())]
         self._arrived[key] = image
         self._last[detections.camera] = detections
-        if is_of_set_clock:  # it is of no moment
+        if is_of_set_clock and detections.camera in self._tracker.set_clocks:  # it is of no moment
             return [self._tracked([detections])]
         return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
 
@@ -135,7 +135,7 @@ class LiveTracking:
         """Track what waits, if all of these cameras have come or it has waited long enough. Processes that have ended
         are replaced, also where nothing comes."""
         self._look_at_processes(now_s)
-        moment = self._moments.ready(now_s, set(expected) - self._tracker.left_out)
+        moment = self._moments.ready(now_s, set(expected) - self._tracker.set_clocks.keys())
         return [self._tracked(moment)] if moment else []
 
     def frame(
@@ -194,7 +194,7 @@ class LiveTracking:
 
     def track(self, images: Sequence[RecordedImage]) -> Update:
         """Let the tracker take those of the images that are to be used, together."""
-        given = [image.detections for image in images if image.is_used]
+        given: Sequence[Detections] = [image.detections for image in images if image.is_used]
         if not given:
             self._count(images, set())
             return Update(tuple(images), (), ())
@@ -202,16 +202,17 @@ class LiveTracking:
         n_restarts = self._tracker.n_restarts
         try:
             people = self._tracker.update(given)
+            given = self._tracker.used
             self._say_restarts(n_restarts)
             self._say_repairs(people)
             views = self._views.add(given, people)
             self._people = tuple(LivePerson.of(*each) for each in zip(people, views, strict=True))
             events = self._tracker.events()
-            self._agreement.add(given, people)
-            given = [image for image in given if image.camera not in self._tracker.left_out]
-            first_s = min((image.time_s for image in given), default=-np.inf)
-            if given and (np.isnan(self._since_s) or first_s > self.newest_s + _GAP_S):
-                self._since_s = first_s
+            if given:
+                self._agreement.add(given, people)
+                first_s = min(image.time_s for image in given)
+                if np.isnan(self._since_s) or first_s > self.newest_s + _GAP_S:
+                    self._since_s = first_s
         except Exception as error:
             self._begin_anew(error)
             people, events = [], []

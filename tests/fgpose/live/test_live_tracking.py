@@ -211,6 +211,21 @@ def test_a_clock_that_is_set_drives_nobody(by_s: float) -> None:
     assert {camera.n_used for camera in others} == {60}
 
 
+@pytest.mark.parametrize("gap_s", [0.2, pytest.param(0.3, marks=pytest.mark.slow)])
+def test_a_computer_that_is_too_slow_sets_no_clock(gap_s: float) -> None:
+    """It leaves images out, then finds two of each camera: the first of them was given before the others of its moment,
+    again and again, and its camera was far ahead of them. Nothing is warned of: warnings are errors."""
+    live, taken_s = tracking(), np.array(sorted({image.time_s for image in scene().observations.images}))
+    burst_s = np.arange(taken_s[0], taken_s[-1], gap_s)
+    pairs = {at_s: taken_s[taken_s <= at_s + 1e-9][-2:] for at_s in burst_s[1:].tolist()}
+    for at_s, pair_s in pairs.items():
+        for image in (image for image in scene().observations.images if image.time_s in pair_s):
+            live.add(RecordedImage(image, at_s + DELAY_S), at_s + DELAY_S)
+        live.look(at_s + DELAY_S, scene().rig.names)
+    frame = live.frame(burst_s[-1] + DELAY_S, statuses())
+    assert {(camera.state, camera.n_used) for camera in frame.cameras} == {(CameraState.OK, 2 * len(pairs))}
+
+
 @pytest.mark.slow
 def test_the_motion_tells_how_late_a_camera_is():
     """Where that is not known; it changes nothing where the times are those of this computer."""
