@@ -54,6 +54,9 @@ class Detections(Shown):
     appearance: np.ndarray | None = None
     """(P, D) what a network for re-identification says of how each person looks, of any length; NaN where unknown.
     People who were away are recognised by it too. The vectors of a recording are compared by their directions."""
+    arrived_s: float | None = field(default=None, init=False)
+    """When the image came to this computer, by any clock of it that goes on; None: not known, see arriving. It tells a
+    camera whose clock was set from one whose images had to wait."""
 
     def __post_init__(self) -> None:
         self._check_time(self.time_s)
@@ -111,6 +114,12 @@ class Detections(Shown):
         moved = object.__new__(Detections)
         moved.__dict__.update(self.__dict__, time_s=time_s)
         return moved
+
+    def arriving(self, arrived_s: float) -> Detections:
+        """The same, of which it is known when it came to this computer."""
+        arriving = object.__new__(Detections)
+        arriving.__dict__.update(self.__dict__, arrived_s=arrived_s)
+        return arriving
 
     @property
     def n_people(self) -> int:

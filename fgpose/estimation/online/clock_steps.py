@@ -1,7 +1,9 @@
 """The clock of one camera that is set while images come one after the other.
 
 Where images come alone, nothing but their order tells how their clocks go: between two images of a camera the others
-go on by as much as it does, however late each comes. One that leaps beyond that, or goes back, was set.
+go on by as much as it does, however late each comes. One that leaps beyond that, or goes back, was set. On a computer
+that is too slow, images wait, those of one camera longer than those of others: how far each camera is ahead changes as
+if its clock was set. Such changes are usual then; where it is known when images arrived, they are not taken for that.
 """
 
 from __future__ import annotations
@@ -36,11 +38,14 @@ class ClockSteps:
     def __init__(self, camera_names: Sequence[str]) -> None:
         self._names, unknown_s = camera_names, np.full(len(camera_names), np.nan)
         self._told_of: set[str] = set()
-        self._newest_s = unknown_s
+        self._newest_s = self._arrived_s = unknown_s
         self._steps_s = np.full((_REMEMBERED, len(camera_names)), np.nan)
         """From image to image of each camera, the newest last."""
-        self._lead_s = unknown_s
-        """How far the newest image of each was ahead of those of all others when it came, before its clock was set."""
+        self._leads_s = np.full((_REMEMBERED, len(camera_names)), np.nan)
+        """How far each image was ahead of the newest of all others when it came, the newest last; none of a clock that
+        was set."""
+        self._doubted_s = np.zeros(len(camera_names))
+        """The most that each clock seems to have been set by since it was right."""
         self._since_s = unknown_s
         """Newest time of the others when that image came; of a camera that has leapt, when it did."""
         self.by_s = np.zeros(len(camera_names))
@@ -58,17 +63,24 @@ class ClockSteps:
         """By how much those clocks were set of which it is sure."""
         return np.where(self.lasts, self.by_s, 0.0)
 
-    def plus(self, taken_s: Float[np.ndarray, " camera"]) -> ClockSteps:
+    def plus(
+        self, taken_s: Float[np.ndarray, " camera"], arrived_s: Float[np.ndarray, " camera"] | None = None
+    ) -> ClockSteps:
         """With the images that come next; of several cameras, if they come together.
 
         Args:
             taken_s: as their cameras say; NaN: there is none.
+            arrived_s: when they came to this computer, by its clock; NaN, None: not known.
         """
         after = copy(self)
-        for name in ("_newest_s", "_steps_s", "_lead_s", "_since_s", "by_s", "lasts"):
+        for name in ("_steps_s", "_leads_s", "_doubted_s", "_since_s", "by_s", "lasts"):
             setattr(after, name, getattr(self, name).copy())
-        after._newest_s = np.where(np.isfinite(taken_s), taken_s, self._newest_s)
-        for c in np.flatnonzero(np.isfinite(taken_s)).tolist():
+        if arrived_s is None:
+            arrived_s = np.full(len(taken_s), np.nan)
+        given = np.isfinite(taken_s) & ~(arrived_s < self._arrived_s)
+        after._newest_s = np.where(given, taken_s, self._newest_s)
+        after._arrived_s = np.where(given, arrived_s, self._arrived_s)
+        for c in np.flatnonzero(given).tolist():
             after._add(c, float(taken_s[c] - self._newest_s[c]))
         after._settle()
         return after
@@ -93,30 +105,57 @@ class ClockSteps:
     def _add(self, c: int, step_s: float) -> None:
         others_s, limit_s = self._newest_of_others(c), self._limit_s(c)
         lead_s = self._newest_s[c] - others_s
-        ahead_s = lead_s - self._lead_s[c]
-        if abs(ahead_s) > FAR_S:  # not of one camera, or the image would be refused
-            self._lead_s[c], self.by_s[c], self.lasts[c] = np.nan, 0.0, False
+        by_s, beyond_s = self._unusual_s(c, lead_s)
+        if abs(by_s) > FAR_S:  # not of one camera, or the image would be refused
+            self._leads_s[:, c], self._doubted_s[c], self.by_s[c], self.lasts[c] = np.nan, 0.0, 0.0, False
             return
         if step_s > 0:
             self._steps_s[:, c] = np.append(self._steps_s[1:, c], step_s)
+        leaps = step_s > limit_s and beyond_s > limit_s and lead_s > limit_s
+        goes_back = step_s < (0.0 if self._has_arrivals else -limit_s) and beyond_s < -limit_s and lead_s < -limit_s
         if self.by_s[c]:
-            self.by_s[c] = ahead_s if abs(ahead_s) > max(limit_s, abs(self.by_s[c]) / 2) else 0.0
-        elif min(step_s, ahead_s, lead_s) > limit_s or max(step_s, ahead_s, lead_s) < -limit_s:
+            self.by_s[c] = by_s if abs(by_s) > max(limit_s, abs(self.by_s[c]) / 2) else 0.0
+        elif leaps or goes_back:
             # The others may have gone on since its last image, which came together with theirs.
-            self.by_s[c], self._since_s[c] = ahead_s, others_s
+            self.by_s[c], self._since_s[c] = by_s, others_s
         self.lasts[c] = self.by_s[c] != 0 and others_s - self._since_s[c] >= abs(self.by_s[c])
-        if not self.by_s[c]:
-            # Of who is late it shrinks while all others pause.
-            if others_s > self._since_s[c] or np.isnan(self._lead_s[c]):
-                self._lead_s[c] = lead_s
-            self._since_s[c] = others_s
+        if self.by_s[c]:
+            self._doubted_s[c] = max(self._doubted_s[c], by_s, key=abs)
+            return
+        if self._doubted_s[c] and not self._has_arrivals:  # it had waited
+            self._remember(c, lead_s - by_s + self._doubted_s[c])
+        # Of who is late it shrinks while all others pause.
+        if others_s > self._since_s[c] or np.isnan(by_s):
+            self._remember(c, lead_s)
+        self._doubted_s[c], self._since_s[c] = 0.0, others_s
 
     def _newest_of_others(self, c: int) -> float:
-        """Time of the newest image of the other cameras whose clocks were not set; NaN: there is none."""
-        return float(np.fmax.reduce(np.delete(np.where(self.left_out, np.nan, self._newest_s), c), initial=np.nan))
+        """Time of the newest image of the other cameras whose clocks were not set, and what they have gone on until
+        this one came; NaN: there is none."""
+        newest_s = self._newest_s + np.nan_to_num(self._arrived_s[c] - self._arrived_s)
+        return float(np.fmax.reduce(np.delete(np.where(self.left_out, np.nan, newest_s), c), initial=np.nan))
+
+    def _unusual_s(self, c: int, lead_s: float) -> tuple[float, float]:
+        """By how much a camera is further ahead than is usual, and than it has been with any of its last images; NaN:
+        it is not known."""
+        known_s = self._leads_s[np.isfinite(self._leads_s[:, c]), c]
+        if not len(known_s):
+            return np.nan, np.nan
+        return lead_s - float(np.median(known_s)), lead_s - float(np.clip(lead_s, known_s.min(), known_s.max()))
+
+    def _remember(self, c: int, lead_s: float) -> None:
+        if np.isfinite(lead_s):
+            self._leads_s[:, c] = np.append(self._leads_s[1:, c], lead_s)
+
+    @property
+    def _has_arrivals(self) -> bool:
+        """Then nothing depends on how long images have waited since."""
+        return bool(np.isfinite(self._arrived_s).all())
 
     def _limit_s(self, c: int) -> float:
         """Where a camera is further ahead of the others than by this, it is not by chance."""
+        if self._has_arrivals:
+            return TOGETHER_S
         n_known = np.isfinite(self._steps_s).sum(axis=0)
         usual_s = np.sort(self._steps_s, axis=0)[np.maximum(n_known - 1, 0) // 2, np.arange(len(n_known))]
         fastest_s = np.fmin.reduce(np.delete(usual_s, c), initial=np.inf)
@@ -128,7 +167,7 @@ class ClockSteps:
         has_say = newest_s >= np.fmax.reduce(newest_s) - _SILENT_S
         was_set = has_say & self.left_out
         if 2 * was_set.sum() > has_say.sum():
-            by_s = self.by_s - np.median(self.by_s[was_set])
+            by_s = self.by_s - np.sort(self.by_s[was_set])[was_set.sum() // 2]
             self.by_s = np.where(np.abs(by_s) > TOGETHER_S, by_s, 0.0)
             self._since_s = np.full(len(by_s), np.fmax.reduce(self._newest_s[self.by_s == 0]))
-            self.lasts = np.zeros(len(by_s), dtype=bool)
+            self.lasts, self._doubted_s = np.zeros(len(by_s), dtype=bool), np.zeros(len(by_s))

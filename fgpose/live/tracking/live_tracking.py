@@ -116,7 +116,7 @@ class LiveTracking:
         """Take the detections of an image, unless they are not to be used; what it completes is tracked."""
         detections = image.detections
         key = detections.camera, detections.time_s
-        is_of_set_clock = self._tracker.leaves_out(detections)
+        is_of_set_clock = self._tracker.leaves_out(detections.arriving(image.arrived_s))
         is_again = detections.time_s <= self._image_s.get(detections.camera, -np.inf) and not is_of_set_clock
         is_again |= key in self._arrived
         # A picture or a detector that has stopped: with a new stamp, people would be where they were a while ago.
@@ -194,7 +194,7 @@ class LiveTracking:
 
     def track(self, images: Sequence[RecordedImage]) -> Update:
         """Let the tracker take those of the images that are to be used, together."""
-        given: Sequence[Detections] = [image.detections for image in images if image.is_used]
+        given: Sequence[Detections] = [image.detections.arriving(image.arrived_s) for image in images if image.is_used]
         if not given:
             self._count(images, set())
             return Update(tuple(images), (), ())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -45,6 +46,21 @@ def left_out(images: list[Image], clock_s: Callable[[int, float], float] = lambd
         steps.warn()
         n_left_out[c] += steps.left_out[c]
     return n_left_out
+
+
+def taken_slowly(images: list[Image], busy_s: float) -> list[Image]:
+    """In the order in which a computer takes them that needs so long for each: then the newest two of each camera."""
+    arriving, now_s, taken, waiting = sorted(images, key=lambda image: image[2]), 0.0, list[Image](), list[Image]()
+    while arriving or waiting:
+        if not waiting:
+            now_s = max(now_s, arriving[0][2])
+            came = [image for image in arriving if image[2] <= now_s]
+            arriving = arriving[len(came) :]
+            newest = [[image for image in came if image[0] == c][-2:] for c in {image[0] for image in came}]
+            waiting = sorted(itertools.chain(*newest), key=lambda image: image[1])
+        taken.append(waiting.pop(0))
+        now_s += busy_s
+    return taken
 
 
 def set_clocks(cameras: set[int], by_s: float, until_s: float = np.inf) -> Callable[[int, float], float]:
@@ -125,6 +141,30 @@ def test_nothing_is_left_out_while_clocks_go_on(
     """But for some of those that come after a camera and its others have lost three and more at once."""
     images = images_of(rates_hz, late_s, jitter_s, lost_share)
     assert left_out(images).sum() <= 0.02 * lost_share * len(images)
+
+
+@pytest.mark.parametrize("busy_s", [0.01, 0.05, 0.1])
+def test_images_that_wait_are_of_no_clock_that_was_set(busy_s: float) -> None:
+    """A computer that is too slow gives those of one camera before those of others that were taken at the same time. By
+    when they have arrived it is told, and a clock that was set too."""
+    images = images_of([30] * 5, [0.01, 0.05, 0.02, 0.1, 0.2], 0.01)
+    set_s, told = set_clocks({1}, BY_S), [set[int](), set[int]()]
+    for clock_s, found in zip((lambda c, taken_s: taken_s, set_s), told, strict=True):
+        steps = ClockSteps([f"cam{c}" for c in range(5)])
+        for c, taken_s, come_s in taken_slowly(images, busy_s):
+            is_own = np.arange(5) == c
+            steps = steps.plus(np.where(is_own, clock_s(c, taken_s), np.nan), np.where(is_own, come_s, np.nan))
+            found |= set(np.flatnonzero(steps.lasts).tolist())
+    assert told == [set(), {1}]
+
+
+def test_most_clocks_may_be_set_by_different_times() -> None:
+    """Of two that were set, neither is set by what lies between."""
+    steps = ClockSteps(["a", "b", "c"])
+    together_s = np.repeat(np.arange(0.0, 1.0, 0.1)[:, None], 3, axis=1)
+    for taken_s in (*together_s, [2.0, np.nan, np.nan], [np.nan, 3.0, np.nan]):
+        steps = steps.plus(np.array(taken_s))
+    np.testing.assert_allclose(steps.by_s, [-1.0, 0.0, -2.1], atol=1e-9)
 
 
 @pytest.mark.parametrize("late", [{1}, {0, 2, 3}], ids=["one", "all others"])
