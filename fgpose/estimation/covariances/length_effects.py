@@ -71,7 +71,7 @@ class LengthEffects:
         covariance_m2, step_s = np.zeros((n_lengths, n_lengths)), np.diff(self.time_s, prepend=self.time_s[0])
         root_size = np.sqrt(np.broadcast_to(sizes, len(self.time_s)))[:, None, None, None, None]
         for time_s, variance in zip(TIMES_S, components.variances.T, strict=True):
-            if not variance.any():
+            if not (n_lengths and variance.any()):
                 continue
             sigma = np.sqrt(components.in_views(time_s, lasting)[..., None] * variance[:, None] * components.axes)
             own_m = root_size * sigma[..., None] * self.of_doubted_m

@@ -134,7 +134,7 @@ class BlockTridiagonal:
         """The inverse between the unknowns of the frames and the shared ones: their covariance, if this is an
         information matrix."""
         responses = -self._back(self._border) @ self.shared_covariance
-        return responses.reshape(-1, self._band.size, len(self.shared_covariance))
+        return responses.reshape(len(self._band.diagonal), self._band.size, len(self.shared_covariance))
 
     def inverse_blocks(self) -> Iterator[Float[np.ndarray, "size size"]]:
         """Diagonal blocks of the inverse, from the last frame to the first: the marginal covariance of each frame, if
@@ -144,7 +144,7 @@ class BlockTridiagonal:
         with G_t = W_t U_t; then what the shared unknowns add.
         """
         factors, size = self._band.diagonal, self._band.size
-        responses = self._back(self._border).reshape(len(factors), size, -1)
+        responses = self._back(self._border).reshape(len(factors), size, len(self.shared_covariance))
         later = np.zeros((size, size))
         for t in reversed(range(len(factors))):
             block = self.inverse_given_next(t)

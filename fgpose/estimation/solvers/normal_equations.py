@@ -262,7 +262,7 @@ class Linearized:
         (n_frames, n_kinds, n_slots, _), n_lengths = self._factorized.shape, self._segment.n_lengths
         responses = self._factorized.matrix.shared_responses().reshape(n_frames, n_slots, 3, n_kinds, n_lengths)
         effects_m = self._pull.swapaxes(-1, -2) @ responses[..., 0, :]
-        return effects_m.reshape(n_frames, n_slots, -1, 2, n_lengths).transpose(0, 2, 1, 3, 4)
+        return effects_m.reshape(n_frames, n_slots, effects_m.shape[2] // 2, 2, n_lengths).transpose(0, 2, 1, 3, 4)
 
     def length_covariance_m2(self) -> Float[np.ndarray, "length length"]:
         """Covariance of the shared bone lengths, all errors taken for independent."""
