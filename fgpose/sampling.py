@@ -79,7 +79,7 @@ class Pace:
 
 def usual_step_s(time_s: Float[np.ndarray, " frame"]) -> float:
     """Median time from frame to frame, seconds; inf with one frame."""
-    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
+    return float(median(np.diff(time_s).tolist())) if len(time_s) > 1 else np.inf
 
 
 def frames_per_second(time_s: Float[np.ndarray, " frame"]) -> float:

@@ -13,10 +13,17 @@ CAUCHY_SCALE = 2.385
 """Of Cauchy's kernel, in standard deviations: 95 % efficient where no error is wrong."""
 
 
+def medians(values: Float[np.ndarray, "*values"], axis: int = -1) -> Float[np.ndarray, "*medians"]:
+    """Along an axis, of finite values. np.median takes five times as long for one frame."""
+    ordered, n_values = np.sort(values, axis=axis), values.shape[axis]
+    lower, upper = (ordered.take(at, axis=axis) for at in ((n_values - 1) // 2, n_values // 2))
+    return np.asarray((lower + upper) / 2)
+
+
 def known_median(values: Float[np.ndarray, "*values"]) -> float:
     """NaN where nothing is known."""
     known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else np.nan
+    return float(medians(known)) if known.size else np.nan
 
 
 def known_quantile(values: Float[np.ndarray, "*values"], q: float) -> float:

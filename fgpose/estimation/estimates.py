@@ -14,6 +14,7 @@ from fgpose.estimation.online.window import Window
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
+from fgpose_factors.robust_statistics import medians
 
 
 class Estimates:
@@ -81,7 +82,7 @@ class Estimates:
     def _velocity_mps(self, state: FrameState) -> Float[np.ndarray, " 3"] | None:
         if not (self._knows_velocities and state.active.any()):
             return None
-        return np.median(state.velocities_mps[state.active], axis=0)
+        return medians(state.velocities_mps[state.active], axis=0)
 
     def _lagged(self, window: Window, rig: CameraRig) -> Estimate | None:
         state = window.lagged

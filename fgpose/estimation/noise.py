@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.sampling import parts_of, usual_step_s
+from fgpose_factors.robust_statistics import medians
 
 CORRELATION_S = 0.15
 """Time over which the errors of a pose network are correlated, measured on a monocular network."""
@@ -84,7 +85,7 @@ def sizes_over_time(
             for hallucinated.
         measurements: how many tell it.
     """
-    told, sizes = (measurements > LEAST_OF_STRETCH * np.median(measurements)) & (found > 0), np.ones(len(found))
+    told, sizes = (measurements > LEAST_OF_STRETCH * medians(measurements)) & (found > 0), np.ones(len(found))
     found, measurements = found[told], measurements[told]
     logs = np.log(found * measurements.sum() / np.sum(found * measurements))
     sizes[told] = np.exp(share_believed(logs, measurements) * logs)
@@ -100,7 +101,7 @@ def share_believed(
     if len(logs) < _FEWEST_STRETCHES:
         return np.zeros(len(logs))
     of_neighbours = np.diff(logs) ** 2 / (1 / measurements[1:] + 1 / measurements[:-1])
-    by_chance = float(np.median(of_neighbours)) / _NORMAL_MEDIAN / measurements
+    by_chance = float(medians(of_neighbours)) / _NORMAL_MEDIAN / measurements
     off = logs - np.average(logs, weights=measurements)
     real = max(float(np.average(off**2 - by_chance, weights=measurements)), 0.0)
     return real / np.maximum(real + by_chance, 1e-12)

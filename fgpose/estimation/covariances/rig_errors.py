@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.estimation.covariances.detection_errors import IN_LINE, invertible
 from fgpose.geometry.camera import CameraRig
+from fgpose_factors.robust_statistics import medians
 
 # How far a camera that has moved may have moved, at the joints; and how probable it is that it has, beforehand.
 _MOVED_M, _PROBABILITY = (0.03, 0.1, 0.3), 0.01
@@ -163,7 +164,7 @@ def _by_pose(
     """How joints move, in the world, if each camera stays and they do what its pose should have done."""
     R, t_m = camera_T_world[:, :3, :3], camera_T_world[:, None, :3, 3]
     in_camera_m = positions_m[:, None] @ R.swapaxes(1, 2) + t_m
-    distance_m = np.maximum(np.median(in_camera_m[..., 2], axis=(0, 2)), 1.0)
+    distance_m = np.maximum(medians(in_camera_m[..., 2].swapaxes(0, 1).reshape(len(R), -1)), 1.0)
     by_number = np.zeros((*in_camera_m.shape, 6))
     x, y, z = (in_camera_m / distance_m[:, None, None]).transpose(3, 0, 1, 2)
     by_number[..., 0, 1], by_number[..., 0, 2] = z, -y

@@ -33,6 +33,7 @@ from fgpose.estimation.noise import LEAST_OF_STRETCH, MEMORY_S, SAME_S, sizes_ov
 from fgpose.estimation.process_noise import NEARBY_S
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
+from fgpose_factors.robust_statistics import medians
 
 _EVERY_S, _OF_ALL = 0.5, 0.25  # fits take a few milliseconds, and errors change slowly once something is known
 _OTHERS_EVERY_S = 0.1  # neighbouring frames tell the same of cameras and of the correlation between joints
@@ -67,7 +68,11 @@ class RunningSizes:
     def of_frame(self, found: float, measurements: float) -> float:
         """As lately, or larger, as far as a frame by itself differs by more than single ones do by chance."""
         told = [each for each in self._stretches if np.isfinite(each.by_chance)]
-        if not told or not found > 0 or measurements <= LEAST_OF_STRETCH * np.median([each.in_frame for each in told]):
+        if (
+            not told
+            or not found > 0
+            or measurements <= LEAST_OF_STRETCH * medians(np.array([each.in_frame for each in told]))
+        ):
             return self.size
         weights = [each.measurements for each in told]
         usual = self.size * np.average([each.found for each in told], weights=weights)
@@ -212,7 +217,7 @@ def _variance_m2(evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], 
     """That the graph takes visible detections of a frame to have at the joints, the median; NaN: there are none."""
     sigma_m = evidence.sigma_px / rig.px_per_m(positions_m[None])
     told = evidence.detected & np.isfinite(sigma_m)
-    return float(np.median(sigma_m[told] ** 2)) if told.any() else np.nan
+    return float(medians(sigma_m[told] ** 2)) if told.any() else np.nan
 
 
 def whitened(evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> WhitenedViews:

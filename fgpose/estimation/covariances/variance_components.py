@@ -24,6 +24,7 @@ from fgpose.estimation.covariances.detection_errors import (
 )
 from fgpose.estimation.noise import CORRELATED_FACTOR, CORRELATION_S, ErrorCorrelation, correlated_frames
 from fgpose.sampling import spread_evenly
+from fgpose_factors.robust_statistics import medians
 
 TIMES_S = (0.0, 0.05, CORRELATION_S, 0.5, np.inf)
 """Correlation times of the components, from white to constant. Others in between look like two of them."""
@@ -159,8 +160,8 @@ def size_in_stretch(
     if not known.any():
         return 0.0, 0.0
     # Half of a chi-squared is less than its mean (Wilson and Hilferty 1931): two views have one dimension.
-    median = dimensions[known] * (1 - 2 / (9 * dimensions[known])) ** 3
-    return float(np.median(squared[known] / median)), float(dimensions.sum())
+    usual = dimensions[known] * (1 - 2 / (9 * dimensions[known])) ** 3
+    return float(medians(squared[known] / usual)), float(dimensions.sum())
 
 
 def correlation_after(time_s: float, lags_s: Float[np.ndarray, " lag"]) -> Float[np.ndarray, " lag"]:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.sampling import parts_of
+from fgpose_factors.robust_statistics import medians
 
 # What is usual: most detections of a recording are good. And where some reach a high confidence it is meant as a
 # probability, though most of the person is hidden.
@@ -148,7 +149,7 @@ def _as_usual(
 ) -> Float[np.ndarray, "*frames joint"]:
     """As far as a joint is as credible as usual; what all joints have less, as of somebody far away, tells nothing."""
     relative = np.divide(said, own, out=np.ones_like(said), where=(own > 0) & (said > 0))
-    relative /= np.minimum(np.median(relative, axis=-1, keepdims=True), 1.0)
+    relative /= np.minimum(medians(relative)[..., None], 1.0)
     none, all_ = np.array(_GUESSED_OWN)[:, None], np.array(_AS_USUAL_OWN)[:, None]
     return np.max(_share(relative, none, all_), axis=-2)
 

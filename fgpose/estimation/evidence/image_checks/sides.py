@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
+from fgpose_factors.robust_statistics import medians
 
 Limbs = tuple[Float[np.ndarray, "frame camera pair side 2"], Float[np.ndarray, "frame camera pair side"]]
 
@@ -83,7 +84,7 @@ def limbs(observations: Observations, rig: CameraRig) -> Limbs:
     confidence = observations.confidence[:, :, pairs]
     points_px = points_px.reshape(*confidence.shape, 2)
     seen = np.isfinite(points_px).all(axis=-1)
-    usual = float(np.median(confidence[seen])) if seen.any() else 1.0
+    usual = float(medians(confidence[seen])) if seen.any() else 1.0
     return points_px, np.where(seen, np.minimum(confidence / usual, 1.0), 0.0)
 
 
