@@ -280,7 +280,8 @@ class Skeleton(Shown):
     def bone_lengths(self, positions_m: Float[np.ndarray, "*frames joint 3"]) -> Float[np.ndarray, "*frames bone"]:
         """Length in metres of every bone, NaN where one of its joints is NaN."""
         start, end = self.bone_ends
-        return np.linalg.norm(positions_m[..., end, :] - positions_m[..., start, :], axis=-1)
+        bones_m = positions_m[..., end, :] - positions_m[..., start, :]
+        return np.asarray(np.sqrt(np.vecdot(bones_m, bones_m)))  # np.linalg.norm takes twice as long
 
 
 @dataclass(frozen=True, eq=False, repr=False)

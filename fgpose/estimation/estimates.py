@@ -12,6 +12,7 @@ from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.window import Window
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 from fgpose_factors.robust_statistics import medians
@@ -57,7 +58,7 @@ class Estimates:
         newly_smoothed, self._newly_smoothed = tuple(self._newly_smoothed), []
         smoothed = newly_smoothed[-1] if newly_smoothed else self._lagged(window, rig)
         state, covariance_m2 = window[-1], None
-        residual_px = np.linalg.norm(rig.project(state.positions_m) - state.evidence.measured_px[0], axis=-1)
+        residual_px = norm(rig.project(state.positions_m) - state.evidence.measured_px[0])
         if self._config.covariance:
             learned = state.unseen_s, window.usual_step_s, rig
             covariance_m2 = self._covariances.of_newest_m2(state, window.newest_covariances_m2(), *learned)

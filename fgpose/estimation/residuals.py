@@ -14,6 +14,7 @@ from fgpose.estimation.factors.symmetry import Symmetries
 from fgpose.estimation.initial_guess import median_lengths
 from fgpose.estimation.process_noise import process_density
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.trajectory import Trajectory
 
 
@@ -95,9 +96,9 @@ def _motion(
     density = process_density(trajectory.positions_m, trajectory.time_s, information, config.motion)
     if config.motion.model == "random_walk":
         sigma_m = np.sqrt(density[1:] * interval_s)
-        whitened[1:] = np.linalg.norm(steps_m, axis=-1) / sigma_m
+        whitened[1:] = norm(steps_m) / sigma_m
     elif len(interval_s) > 1:
         change_mps = np.diff(steps_m / interval_s[..., None], axis=0)
         variance = density[1:-1] * (interval_s[1:] + interval_s[:-1]) / 3
-        whitened[1:-1] = np.linalg.norm(change_mps, axis=-1) / np.sqrt(variance)
+        whitened[1:-1] = norm(change_mps) / np.sqrt(variance)
     return whitened

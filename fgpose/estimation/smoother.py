@@ -32,6 +32,7 @@ from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.windows import Window, cut_windows
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.observations import Observations
 from fgpose.sampling import spread_evenly
 from fgpose.skeleton import BoneLengths, Skeleton
@@ -271,4 +272,4 @@ def _residual_px(
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Distance between each detection and the projection of the joint at the time when the image was taken."""
     moved_px = image_motion_px(positions_m, evidence.time_s, evidence.delay_s, rig)
-    return np.linalg.norm(rig.project(positions_m) + moved_px - evidence.undistorted_px, axis=-1)
+    return norm(rig.project(positions_m) + moved_px - evidence.undistorted_px)

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.geometry.lens import LensModel, check_lens, with_distortion, without_distortion
 from fgpose.geometry.rigid import check_pose, inverse, pose_of
+from fgpose.geometry.vectors import norm
 from fgpose.plain_files import naming
 from fgpose.shown import Shown
 from fgpose.shown.unknown_names import check_names
@@ -129,7 +130,7 @@ class Camera(Shown):
         """Unit directions in the world frame of the rays through undistorted pixels; they start at position_m."""
         normalized = (undistorted_px - self.K[:2, 2]) / np.diag(self.K)[:2]
         direction = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
-        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        direction /= norm(direction)[..., None]
         return direction @ self.world_T_camera[:3, :3].T
 
     @cached_property

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.vectors import norm
 
 
 def essential_matrix(camera_T_other: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3 3"]:
@@ -33,7 +34,7 @@ def epipolar_distances_px(
     fundamental = np.linalg.inv(camera.K).T @ essential @ np.linalg.inv(other.K)
     lines = np.concatenate([others_px, np.ones((*others_px.shape[:-1], 1))], axis=-1) @ fundamental.T
     distances = np.abs(np.sum(lines[..., :2] * undistorted_px, axis=-1) + lines[..., 2])
-    return np.asarray(distances / np.linalg.norm(lines[..., :2], axis=-1))
+    return np.asarray(distances / norm(lines[..., :2]))
 
 
 def sampson_errors(

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 
 # The lens model is exact to 1e-6 px where it has an inverse; a point far outside the image that it folds back into the
 # image is off by tens of pixels.
@@ -30,7 +31,7 @@ def in_views(
         inside[:, number] = candidates = within.all(axis=-1)
         if camera.distorts:
             back_px = camera.undistort(original_px[candidates])
-            error_px = np.linalg.norm(back_px - undistorted_px[candidates], axis=-1)
+            error_px = norm(back_px - undistorted_px[candidates])
             inside[candidates, number] = error_px < _MAX_ROUND_TRIP_PX
     return inside
 

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.sampling import parts_of
 from fgpose_factors import project
 
@@ -18,7 +19,7 @@ def reprojection_residual_px(
     """Distance in undistorted pixels between each detection and the projection of the estimate."""
     residual_px = np.empty(undistorted_px.shape[:-1])
     for part in parts_of(len(positions_m)):
-        residual_px[part] = np.linalg.norm(rig.project(positions_m[part]) - undistorted_px[part], axis=-1)
+        residual_px[part] = norm(rig.project(positions_m[part]) - undistorted_px[part])
     return residual_px
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.sampling import spread_evenly
 
 # Below this angle between all rays the depth of a point is not determined: 1 degree at 4 m and 5 px / 1145 px of
@@ -203,7 +204,7 @@ def parallax_rad(
     """Largest angle between the rays of the used views, as lines; 0 where there are fewer than two."""
     centres_m = rig.positions_m
     rays = positions_m[..., None, :] - centres_m
-    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    rays = rays / norm(rays)[..., None]
     cosine = np.abs(np.einsum("...ai,...bi->...ab", rays, rays))
     both = used[..., :, None] & used[..., None, :]
     smallest = np.min(np.where(both & np.isfinite(cosine), cosine, 1.0), axis=(-2, -1))

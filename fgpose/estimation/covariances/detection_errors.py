@@ -19,6 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.geometry.vectors import norm
+
 _LONGEST_LAG_S, _MOST_LAGS = 1.0, 12
 IN_LINE = 1e-9
 """Of the trace of the information on a joint: two cameras in line with it do not tell its distance."""
@@ -113,7 +115,7 @@ class TellingDetections:
         usual = float(weights[good].mean()) if good.any() else 1.0
         scale = np.where(seen & ~good, np.sqrt(usual / np.where(seen, weights, 1.0)), 1.0)
         residual, jacobian = scale[..., None] * residual, scale[..., None, None] * jacobian
-        rejected = np.where(seen & ~good, np.linalg.norm(np.where(seen[..., None], residual, 0.0), axis=-1), np.inf)
+        rejected = np.where(seen & ~good, norm(np.where(seen[..., None], residual, 0.0)), np.inf)
         near, far = rejected < _MAY_BE_VISIBLE, rejected < _RING * _MAY_BE_VISIBLE
         alone = Parity.of(residual, jacobian, good)
         both = Parity.of(residual, jacobian, good | near) if near.any() else alone

@@ -13,6 +13,7 @@ from fgpose.estimation.noise import ROUNDING
 from fgpose.estimation.visibility.agreement import BONE_M, log_likelihood_of_bones
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.vectors import norm
 from fgpose.skeleton import Skeleton
 
 _AGREES = 3.0  # standard deviations of a detection from the place that it and others show
@@ -139,7 +140,7 @@ def other_explanations_m2(
         to_ray_m = offset_m - np.sum(offset_m * ray, axis=-1, keepdims=True) * ray
         off_m[:, number] = np.where(rejected[:, number, :, None], to_ray_m, 0.0)
     off_m = np.nan_to_num(off_m)
-    distance_m = np.linalg.norm(off_m, axis=-1)
+    distance_m = norm(off_m)
     reach_m = _reach_m(positions_m, skeleton)[:, None]
     off_m *= np.divide(reach_m, distance_m, out=np.ones_like(distance_m), where=distance_m > reach_m)[..., None]
     # Nothing is more likely than the estimate.
@@ -193,7 +194,7 @@ def told_apart(evidence: Evidence, skeleton: Skeleton) -> Bool[np.ndarray, "fram
 def _in_one_place(evidence: Evidence, skeleton: Skeleton) -> Bool[np.ndarray, "frame camera joint"]:
     """Where both joints of a pair are detected so near to each other that they may be one."""
     mirror = skeleton.mirror
-    apart_px = np.linalg.norm(evidence.undistorted_px - evidence.undistorted_px[:, :, mirror], axis=-1)
+    apart_px = norm(evidence.undistorted_px - evidence.undistorted_px[:, :, mirror])
     return np.asarray((apart_px < _ONE_PLACE_SIGMAS * evidence.sigma_px) & (mirror != np.arange(len(mirror))))
 
 

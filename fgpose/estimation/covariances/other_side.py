@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from fgpose.estimation.covariances.uncertainty import holders
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 
@@ -27,7 +28,7 @@ def rays_to(
 ) -> Float[np.ndarray, "frame camera joint 3"]:
     """Unit vectors from each camera to the joints; 0 where they are not known."""
     rays = positions_m[:, None] - rig.positions_m[:, None]
-    return np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+    return np.nan_to_num(rays / norm(rays)[..., None])
 
 
 def other_side_m2(
@@ -64,7 +65,7 @@ class SteadyDistances:
         for part in parts_of(len(positions_m), _FRAMES_AT_ONCE):
             known = sure[part] & np.isfinite(positions_m[part]).all(axis=-1)
             both, at_m = known[:, :, None] & known[:, None], np.where(known[..., None], positions_m[part], 0.0)
-            distance_m = np.where(both, np.linalg.norm(at_m[:, :, None] - at_m[:, None], axis=-1), 0.0)
+            distance_m = np.where(both, norm(at_m[:, :, None] - at_m[:, None]), 0.0)
             self._count += both.sum(axis=0)
             self._sum_m += distance_m.sum(axis=0)
             self._sum_m2 += (distance_m**2).sum(axis=0)
@@ -90,9 +91,7 @@ class SteadyDistances:
         sigma_m = np.sqrt(np.maximum(self._sum_m2[joint] / count - mean_m**2, _LEAST_M**2))
         steady = (self._count[joint] >= _ENOUGH_FRAMES) & (sigma_m < _STEADY_M)
         steady[joint] = False
-        off = np.stack(
-            [np.linalg.norm(at_m[:, None] - positions_m, axis=-1) for at_m in (positions_m[:, joint], there_m)]
-        )
+        off = np.stack([norm(at_m[:, None] - positions_m) for at_m in (positions_m[:, joint], there_m)])
         off = np.where(steady & sure & np.isfinite(off).all(axis=0), (off - mean_m) / sigma_m, 0.0)
         best = np.argmax(np.abs(off[1] - off[0]), axis=-1)
         here, there = np.take_along_axis(off, best[None, :, None], axis=-1)[..., 0]

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.config import SwingConfig
 from fgpose.estimation.noise import ROUNDING, surely_positive
+from fgpose.geometry.vectors import norm
 from fgpose.skeleton import Skeleton
 
 LEAST_FACTOR = 0.02
@@ -109,7 +110,7 @@ def with_swing(
     free = np.isin(np.arange(skeleton.n_joints), held, invert=True)
     swing_m2[:, free] = np.where(swings[:, free, None, None], (gone_m**2 / 3)[:, None, None, None] * np.eye(3), 0.0)
     bone_m = positions_m[:, held] - positions_m[:, [holder for _, holder in holders(skeleton)]]
-    length_m = np.linalg.norm(bone_m, axis=-1)
+    length_m = norm(bone_m)
     direction = np.divide(bone_m, length_m[..., None], out=np.zeros_like(bone_m), where=length_m[..., None] > 0)
     angle = config.angle_rad * (1.0 - np.exp(-unseen_s[:, held] / config.time_s))
     along = direction[..., None] * direction[..., None, :]
@@ -159,7 +160,7 @@ def speed_unseen_mps(
     known = np.isfinite(moved_m).all(axis=-1, keepdims=True)
     mean_m = np.where(known, moved_m, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
     of_steps_mps = np.zeros(len(middle_s))
-    of_steps_mps[steps] = np.linalg.norm(mean_m, axis=-1) / np.diff(time_s[seen])[steps]
+    of_steps_mps[steps] = norm(mean_m) / np.diff(time_s[seen])[steps]
     for frame, begin, end in zip(unseen.tolist(), first.tolist(), last.tolist(), strict=True):
         speed_mps[frame] = of_steps_mps[begin:end].max(initial=0.0)
     return speed_mps

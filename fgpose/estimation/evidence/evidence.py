@@ -13,6 +13,7 @@ from fgpose.estimation.evidence.delays import image_shift_px
 from fgpose.estimation.evidence.detection_bias import Bias
 from fgpose.estimation.evidence.presence import present
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 
 # Arrays by frame and joint, and by frame, camera and joint; the others are of frames as a whole.
 _OF_JOINTS = (
@@ -235,7 +236,7 @@ class Evidence:
             return self
         own = self if self.views_m.shape[1] else self._with_views(rig.n_cameras)
         rays = points_m - rig.positions_m[:, None]
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        rays /= norm(rays)[..., None]
         return replace(
             own,
             views_m=np.where(known[..., None], points_m, own.views_m),

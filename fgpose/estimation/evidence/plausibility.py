@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from fgpose.estimation.evidence.presence import MIN_JOINTS
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.field_of_view import clipped
+from fgpose.geometry.vectors import norm
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
@@ -107,7 +108,7 @@ def _of_middle(
 ) -> tuple[Float[np.ndarray, "frame 3"], Float[np.ndarray, " frame"]]:
     """The middle of the joints of each frame, and their median distance from it; NaN where fewer than two are known."""
     middle_m = known_medians(positions_m)
-    return middle_m, known_medians(np.linalg.norm(positions_m - middle_m[:, None], axis=-1, keepdims=True))[:, 0]
+    return middle_m, known_medians(norm(positions_m - middle_m[:, None])[..., None])[:, 0]
 
 
 def known_medians(values: Float[np.ndarray, "set joint value"]) -> Float[np.ndarray, "set value"]:
@@ -143,7 +144,7 @@ def off_body(
 ) -> Bool[np.ndarray, "*shape"]:
     """What is farther from the middle of a body than any of its joints."""
     middle_m = middle_m.reshape(len(middle_m), *(points_m.ndim - 2) * (1,), 3)
-    return np.asarray(np.linalg.norm(points_m - middle_m, axis=-1) > _REACH_M)
+    return np.asarray(norm(points_m - middle_m) > _REACH_M)
 
 
 def far_outside_images(

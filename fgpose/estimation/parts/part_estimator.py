@@ -28,6 +28,7 @@ from fgpose.estimation.solvers.block_tridiagonal import blas_libraries, one_blas
 from fgpose.estimation.visibility.running_visibility import Filtered, RunningVisibility
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.observations import Observations
 from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import BoneLengths, Skeleton
@@ -240,7 +241,7 @@ class PartEstimator:
         better = fits_better(guess_m, state.positions_m, state.evidence, self._rig, self.config.projection)
         # Two views that agree by chance are contradicted by the next image.
         is_sure = (state.evidence.n_views[0] >= 3) | np.isfinite(state.image_time_s).all()
-        is_far = np.linalg.norm(guess_m - state.positions_m, axis=-1) > self.config.online.relinearize_m
+        is_far = norm(guess_m - state.positions_m) > self.config.online.relinearize_m
         moved = np.flatnonzero(state.active & is_sure & better & is_far).tolist()
         if moved:
             self._window.move(at, moved, guess_m, self._rig)

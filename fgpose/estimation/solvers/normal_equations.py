@@ -24,6 +24,7 @@ from fgpose.estimation.factors.projection import Projections
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
+from fgpose.geometry.vectors import norm
 
 # Damping as strong as a prior of 1 m on a position is as strong as one of 10 m/s on a velocity.
 DAMPING_TIME_S = 0.1
@@ -138,7 +139,7 @@ class NormalEquations:
         return BatchState(state.joints + joints, state.lengths_m + lengths_m)
 
     def step_size(self, step: Float[np.ndarray, " unknown"]) -> float:
-        moves_m = np.linalg.norm(_split(step, self._shape)[0][:, 0][self._active], axis=-1)
+        moves_m = norm(_split(step, self._shape)[0][:, 0][self._active])
         return float(moves_m.max(initial=0.0))
 
     def positions_m(self, state: BatchState) -> Float[np.ndarray, "frame joint 3"]:

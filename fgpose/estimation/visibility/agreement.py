@@ -29,6 +29,7 @@ from fgpose.estimation.visibility.detection_residuals import (
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.vectors import norm
 from fgpose.skeleton import Skeleton
 
 # How often a joint is off its path, and how far (a Cauchy distribution). A place three times as far costs as much as
@@ -197,7 +198,7 @@ class _Places:
             places_m=places_m,
             n_views=np.where(known[:, 0], agrees.sum(axis=1), 0),
             log_densities=LogDensities(visible, hidden, points.on_path.other),
-            fitted=log_density_fitted(np.linalg.norm(residual_px[:, :, 0], axis=-1), points.spread_px),
+            fitted=log_density_fitted(norm(residual_px[:, :, 0]), points.spread_px),
             log_prior=np.where(known[:, 0], log_prior, -np.inf),
         )
 
@@ -229,11 +230,8 @@ def log_likelihood_of_bones(
     moved_m[at] = places_m
     neighbours = _neighbours(skeleton)[joints]
     beside = frames[:, None], neighbours
-    length_m = np.linalg.norm(positions_m[at][:, None] - positions_m[beside], axis=-1)
-    on, off = (
-        np.abs(np.linalg.norm(places_m[:, None] - those[beside], axis=-1) - length_m)
-        for those in (positions_m, moved_m)
-    )
+    length_m = norm(positions_m[at][:, None] - positions_m[beside])
+    on, off = (np.abs(norm(places_m[:, None] - those[beside]) - length_m) for those in (positions_m, moved_m))
     off_m = np.where((neighbours >= 0) & np.isfinite(length_m), np.fmin(on, off), 0.0)
     return -2 * np.log1p((off_m / sigma_m) ** 2 / 2).sum(axis=1)
 

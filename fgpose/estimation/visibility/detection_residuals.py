@@ -20,6 +20,7 @@ from fgpose.estimation.noise import CORRELATED_FACTOR, surely_positive
 from fgpose.estimation.visibility.spread import Contradictions, spread_m
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
+from fgpose.geometry.vectors import norm
 from fgpose.skeleton import Skeleton
 from fgpose_factors import robust_weight
 from fgpose_factors.robust_statistics import MEDIAN_LENGTH
@@ -102,7 +103,7 @@ class DetectionResiduals:
         residual_px, jacobian, seen = linearized_projection(evidence.undistorted_px, rig, positions_m)
         # See CameraRig.px_per_m: of each axis of the image, the length of the Jacobian's row.
         px_per_m = np.where(seen, np.sqrt(np.einsum("tcjia,tcjia->tcj", jacobian, jacobian) / 2), 1.0)
-        length_px, weights, projection = np.linalg.norm(residual_px, axis=-1), evidence.weights, config.projection
+        length_px, weights, projection = norm(residual_px), evidence.weights, config.projection
         squared = (length_px / evidence.detection_sigma_px) ** 2
         kernel = robust_weight(squared, projection.kernel, projection.kernel_scale)
         information = np.where(seen, kernel / evidence.detection_sigma_px**2, 0.0)
@@ -197,7 +198,7 @@ def lengths_m(
 ) -> tuple[Float[np.ndarray, "camera joint"], Float[np.ndarray, "camera joint"]]:
     """Of the residuals of a frame, at the joints, and the scales of the images there; NaN where they are not known."""
     px_per_m = rig.px_per_m(positions_m)
-    return np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px[0], axis=-1) / px_per_m, px_per_m
+    return norm(rig.project(positions_m) - evidence.undistorted_px[0]) / px_per_m, px_per_m
 
 
 def without_own(

@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.vectors import norm
 from fgpose.skeleton import Skeleton
 
 # Directions are independent after about this time: half a stride.
@@ -94,6 +95,6 @@ def bone_directions(
     """Unit vectors from the start of each bone to its end, and its length; NaN where it has none."""
     start, end = skeleton.bone_ends
     bone_m = positions_m[..., end, :] - positions_m[..., start, :]
-    length_m = np.linalg.norm(bone_m, axis=-1)
+    length_m = norm(bone_m)
     length_m = np.where(length_m > 0, length_m, np.nan)
     return bone_m / length_m[..., None], length_m

@@ -25,6 +25,7 @@ from fgpose.estimation.visibility.visibility import (
 )
 from fgpose.estimation.visibility.visibility_chain import Chain, Stays
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import Skeleton
 
@@ -162,14 +163,14 @@ class RunningVisibility:
         self._stays = self._stays.then(stays, float(step_s[0]))
         self._chain = Chain(self._config.visibility, self._stays)
         if self._config.visibility.bias == "constant":
-            moved_m = within_timing_m(np.linalg.norm(state.velocities_mps, axis=-1))
+            moved_m = within_timing_m(norm(state.velocities_mps))
             sums = residual_sums(oldest, oldest.visibility, step_s, state.positions_m[None], moved_m[None], rig)
             self._bias.add(sums, float(step_s[0]), self._spread_m)
 
     def _log_odds(
         self, residuals: DetectionResiduals, velocities_mps: Float[np.ndarray, "frame joint 3"], rig: CameraRig
     ) -> Float[np.ndarray, "frame camera joint"]:
-        moved_m = within_timing_m(np.linalg.norm(velocities_mps, axis=-1))
+        moved_m = within_timing_m(norm(velocities_mps))
         spread_m = np.hypot(self._spread_m[:, None], moved_m[:, None])
         return np.where(residuals.several, self._said(residuals, spread_m, rig).log_odds, 0.0)
 

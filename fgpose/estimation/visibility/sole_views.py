@@ -17,6 +17,7 @@ from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.visibility.posture import Posture, bone_directions
 from fgpose.estimation.visibility.single_view import DistanceFilter, Sight, smoothed
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.sampling import usual_step_s
 from fgpose.skeleton import Skeleton
 
@@ -208,10 +209,10 @@ class _Views:
         rays = np.where((evidence.believed & np.isfinite(px_per_m))[..., None], np.stack(rays, axis=1), np.nan)
         sigma_m = evidence.detection_sigma_px / px_per_m
         offsets_m = positions_m[:, None] - rig.positions_m[:, None]
-        determined, distance_m = evidence.observed[:, None], np.linalg.norm(offsets_m, axis=-1)
+        determined, distance_m = evidence.observed[:, None], norm(offsets_m)
         known = np.isfinite(positions_m).all(axis=-1).sum(axis=1)[:, None, None]
         middle_m = np.nansum(offsets_m, axis=2) / np.maximum(known, 1)
-        about_m = np.linalg.norm(middle_m, axis=-1)
+        about_m = norm(middle_m)
         bodies = np.divide(middle_m, about_m[..., None], out=np.zeros_like(middle_m), where=about_m[..., None] > 0)
         return _Views(
             time_s=evidence.time_s,
@@ -237,7 +238,7 @@ def _distance_sigma_m(
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Standard deviation of the distance of joints from each camera as all cameras tell it: the more they see it from
     the side. Errors that are correlated in time are made up for."""
-    directions = np.nan_to_num(offsets_m / np.linalg.norm(offsets_m, axis=-1, keepdims=True))
+    directions = np.nan_to_num(offsets_m / norm(offsets_m)[..., None])
     cosine = np.einsum("tcji,tdji->tcdj", directions, directions)
     information = np.einsum("tdj,tcdj->tcj", sigma_m**-2, np.maximum(1 - cosine**2, 0.0))
     correlated = correlated_frames(usual_step_s(evidence.time_s), CORRELATION_S)

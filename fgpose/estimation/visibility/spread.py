@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.noise import CORRELATED_FACTOR, LEAST_SPREAD_M, shrunk, sizes_around_frames, surely_positive
+from fgpose.geometry.vectors import norm
 from fgpose_factors.robust_statistics import weighted_median
 
 # So many independent measurements outweigh the prior spread: of all cameras, and of one camera against all.
@@ -50,7 +51,7 @@ class Contradictions:
         degrees = np.divide(self.freedom**2, squared, out=np.ones_like(squared), where=self.tells)
         # Of a sum of squares with so many degrees of freedom (Satterthwaite 1946, Wilson and Hilferty 1931).
         median = np.where(self.tells, self.freedom * (1 - 2 / (9 * degrees)) ** 3, np.nan)
-        return np.linalg.norm(left_px, axis=-1) / np.sqrt(median) / self.px_per_m / _LEFT_BY_KERNEL
+        return norm(left_px) / np.sqrt(median) / self.px_per_m / _LEFT_BY_KERNEL
 
     def sizes(self, step_s: float) -> Float[np.ndarray, " frame"]:
         """Variance of the errors of detections around each frame, in that of the recording."""

@@ -23,6 +23,7 @@ from fgpose.estimation.visibility.detection_residuals import DetectionResiduals,
 from fgpose.estimation.visibility.spread import graph_sigma_px, spread_m_of
 from fgpose.estimation.visibility.visibility_chain import Chain, Stays
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.sampling import usual_step_s
 from fgpose.skeleton import Skeleton
 
@@ -123,7 +124,7 @@ def _speed_mps(
     """NaN where it is not known."""
     if len(time_s) < 2:
         return np.full(positions_m.shape[:2], np.nan)
-    return np.linalg.norm(np.gradient(positions_m, time_s, axis=0), axis=-1)
+    return norm(np.gradient(positions_m, time_s, axis=0))
 
 
 def within_timing_m(speed_mps: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.vectors import norm
+
 RELATIVE_SIGMA = 0.043
 """Standard deviation of a network's distances, over the distance, where none is stated and the recording does not tell:
 measured on BlazePose, 150 mm at 3.5 m."""
@@ -31,7 +33,7 @@ class ViewDepth:
     ) -> ViewDepth:
         """Of joints in the world frame, from where the camera is."""
         from_camera_m = points3d_m - position_m
-        distance_m = np.linalg.norm(from_camera_m, axis=-1)
+        distance_m = norm(from_camera_m)
         distance_m = np.where(distance_m > _NEAREST_M, distance_m, np.nan)
         rays = from_camera_m / distance_m[..., None]
         if covariance3d_m2 is None:

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate, triangulate_robust
+from fgpose.geometry.vectors import norm
 
 # Limbs of views that agree miss each other by 10 to 40 mm, calibration errors included; left and right are 200 to 400
 # mm apart. A detection that misses by this or more makes a state less probable by the factor e, whatever its distance.
@@ -115,7 +116,7 @@ def _missed(
     proposals_m = triangulate(two_px, np.ones(two_px.shape[:-1]), rig.projection_matrices[pairs][:, None, None, None])
     projected_px = np.stack([camera.project(proposals_m) for camera in rig.cameras], axis=-2)
     seen_px = np.moveaxis(points_px, 1, 2)[:, None, :, None, None]
-    error_px = np.linalg.norm(projected_px[..., None, :] - seen_px, axis=-1)
+    error_px = norm(projected_px[..., None, :] - seen_px)
     cost = misfit_of(error_px * metres_per_px[:, None, None, None, None, :, None])
     cost = cost * np.moveaxis(weights, 1, 2)[:, None, :, None, None]
     possible = np.asarray(np.isfinite(proposals_m).all(axis=-1))
@@ -154,7 +155,7 @@ def log_change(
     reach_m = _STILL_M + _SPEED_M_PER_S * passed_s
 
     def jump(side: list[int]) -> Float[np.ndarray, "*frames camera"]:
-        distance_m = np.linalg.norm(points_px - before_px[..., side, :], axis=-1) * metres_per_px[..., None, None]
+        distance_m = norm(points_px - before_px[..., side, :]) * metres_per_px[..., None, None]
         counts = np.minimum(weights, before_weights[..., side])
         return np.sum(_truncated(distance_m / reach_m[..., side]) * counts, axis=(-1, -2))
 

@@ -35,6 +35,7 @@ from fgpose.estimation.evidence.image_checks.sides import (
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.vectors import norm
 from fgpose.observations import Observations
 from fgpose.sampling import parts_of, stretches
 
@@ -131,7 +132,7 @@ def _switch(
 ) -> Bool[np.ndarray, " _frame"]:
     """In which frames but the first limbs are where those of the other side were just before, which nobody can do."""
     now_m, before_m = positions_m[1:], positions_m[:-1]
-    own_m, other_m = (np.linalg.norm(now_m - side_m, axis=-1) for side_m in (before_m, before_m[:, :, ::-1]))
+    own_m, other_m = (norm(now_m - side_m) for side_m in (before_m, before_m[:, :, ::-1]))
     n_known, n_switch = (of.sum(axis=(1, 2)) for of in (np.isfinite(own_m + other_m), own_m > other_m + _APART_M))
     return (n_known >= _FEWEST) & (n_switch > _SWITCH_SHARE * n_known)
 
@@ -203,11 +204,11 @@ def _misfits(
     joints_m = positions_m.reshape(len(positions_m), -1, 3)
     projected_px, px_per_m = rig.project(joints_m).reshape(points_px.shape), rig.px_per_m(joints_m)
     px_per_m = px_per_m.reshape(points_px.shape[:-1])
-    apart_m = np.linalg.norm(projected_px[..., 0, :] - projected_px[..., 1, :], axis=-1, keepdims=True) / px_per_m
+    apart_m = norm(projected_px[..., 0, :] - projected_px[..., 1, :])[..., None] / px_per_m
     judged = np.asarray(np.isfinite(points_px).all(axis=(-1, -2)))[..., None] & (apart_m > _APART_M)
 
     def misfit(seen_px: np.ndarray) -> Float[np.ndarray, "frame camera pair"]:
-        off_m = np.linalg.norm(projected_px - seen_px, axis=-1) / px_per_m
+        off_m = norm(projected_px - seen_px) / px_per_m
         return np.asarray(np.where(judged, misfit_of(off_m), 0.0).sum(axis=3))
 
     return misfit(points_px), misfit(points_px[..., ::-1, :]), judged.sum(axis=3)

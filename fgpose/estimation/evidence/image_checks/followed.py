@@ -20,6 +20,7 @@ from fgpose.estimation.evidence.image_checks.recent_images import RECENT_S, Rece
 from fgpose.estimation.evidence.plausibility import known_medians
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import parallax_rad, triangulate_robust
+from fgpose.geometry.vectors import norm
 from fgpose.observations import Observations
 from fgpose.sampling import parts_of
 
@@ -134,7 +135,7 @@ class FollowedViews:
         """In which views the whole body leaves its line, and how far it usually leaves it."""
         known_m = np.where(np.isnan(known_m), self.body.at(time_s), known_m)
         left_m = known_medians((points_px - line_px) / rig.px_per_m(known_m)[..., None])
-        break_m = np.linalg.norm(left_m, axis=-1)
+        break_m = norm(left_m)
         breaks = break_m > np.maximum(_BREAK_M, _TIMES_USUAL * self.usual_m)
         passed_s = np.clip(time_s - self.recent.newest_s, 0.0, RECENT_S)
         share = np.where(np.isfinite(break_m), -np.expm1(-passed_s / _USUAL_S), 0.0)
@@ -199,10 +200,10 @@ def _away(
     """The share of joints that are off where the person has them, in each view, and how far away the whole body is, in
     metres; NaN where that is not known of half of the joints."""
     away_m = (points_px - rig.project(person_m)) / rig.px_per_m(person_m)[..., None]
-    joints_m = np.linalg.norm(away_m, axis=-1)
+    joints_m = norm(away_m)
     n_known, n_seen = np.isfinite(joints_m).sum(axis=-1), np.isfinite(points_px[..., 0]).sum(axis=-1)
     n_off = np.where((n_known > 1) & (2 * n_known >= n_seen), (joints_m > _OFF_M).sum(axis=-1), np.nan)
-    return n_off / np.maximum(n_known, 1), np.linalg.norm(known_medians(away_m), axis=-1)
+    return n_off / np.maximum(n_known, 1), norm(known_medians(away_m))
 
 
 def _is_majority(

@@ -11,6 +11,7 @@ from fgpose.estimation.evidence.delays import on_time_px
 from fgpose.estimation.evidence.gather import FRAMES_AT_ONCE
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.vectors import norm
 from fgpose.observations import Observations
 from fgpose.sampling import parts_of
 from fgpose.trajectory import Estimate, Trajectory
@@ -36,7 +37,7 @@ def with_left_out(
         if own.any():
             positions_m = trajectory.positions_m[part]
             off_px = rig.project(positions_m) - on_time_px(given.frames(part), rig, positions_m)
-            residual_px[part][own] = np.linalg.norm(off_px, axis=-1)[own]
+            residual_px[part][own] = norm(off_px)[own]
     return replace(trajectory, visibility=visibility, residual_px=residual_px)
 
 
@@ -51,7 +52,7 @@ def showing_left_out(newest: Estimate, left_out_px: Float[np.ndarray, "camera jo
     """The same as with_left_out, of the newest frame and what was left out of it (left_out_px)."""
     if newest.visibility is None or newest.residual_px is None or not np.isfinite(left_out_px).any():
         return newest
-    off_px = np.linalg.norm(rig.project(newest.positions_m) - rig.undistort(left_out_px), axis=-1)
+    off_px = norm(rig.project(newest.positions_m) - rig.undistort(left_out_px))
     left_out = np.isfinite(off_px)
     visibility = np.where(left_out, 0.0, newest.visibility)
     return replace(newest, visibility=visibility, residual_px=np.where(left_out, off_px, newest.residual_px))

@@ -16,6 +16,7 @@ from fgpose.estimation.evidence.image_checks.flip_model import INLIER_PX, metres
 from fgpose.estimation.evidence.image_checks.sides import Limbs, Sides, can_tell, limb_joints, limbs, of_limb, sides_of
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate, triangulate_robust
+from fgpose.geometry.vectors import norm
 from fgpose.observations import Observations
 from fgpose.sampling import nearest, parts_of, stretches
 from fgpose.skeleton import Skeleton
@@ -90,7 +91,7 @@ class RunningOtherSide:
             m_per_px = metres_per_px(points_px, weights, rig)
         at_one_place = doubtful = _at_one_place(points_px, m_per_px)
         if known.any() and at_one_place.any():
-            off_px = np.linalg.norm(rig.project(limbs_m).reshape(points_px.shape) - points_px, axis=-1)
+            off_px = norm(rig.project(limbs_m).reshape(points_px.shape) - points_px)
             is_off = ~(off_px * m_per_px[..., None, None] < _OFF_M) & (weights > 0)
             doubtful = at_one_place & is_off.any(axis=(1, 3))[:, None]
         (said,) = _said(points_px, weights, doubtful, m_per_px, all_limbs, rig)
@@ -135,7 +136,7 @@ def _in_row(said: Bool[np.ndarray, "frame side"]) -> Bool[np.ndarray, "frame sid
 def _at_one_place(
     points_px: Float[np.ndarray, "frame camera pair side 2"], m_per_px: Float[np.ndarray, "frame camera"]
 ) -> Bool[np.ndarray, "frame camera pair"]:
-    apart_px = np.linalg.norm(points_px[..., 0, :] - points_px[..., 1, :], axis=-1)
+    apart_px = norm(points_px[..., 0, :] - points_px[..., 1, :])
     return np.asarray(apart_px * m_per_px[..., None] < _ONE_PLACE_M)
 
 
@@ -190,6 +191,6 @@ def _missed_m(
     """By how much these views miss the point that they tell together: root mean square by degrees of freedom, in metres
     at the person."""
     joint_m = triangulate(points_px, used.astype(float), rig.projection_matrices)
-    off_m = np.linalg.norm(rig.project(joint_m).swapaxes(1, 2) - points_px, axis=-1) * m_per_px[:, None]
+    off_m = norm(rig.project(joint_m).swapaxes(1, 2) - points_px) * m_per_px[:, None]
     freedom = np.maximum(2 * used.sum(axis=-1) - 3, 1)
     return np.sqrt(np.where(used, off_m**2, 0.0).sum(axis=-1) / freedom)
