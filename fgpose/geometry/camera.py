@@ -281,7 +281,7 @@ class CameraRig(Shown):
         """Scale of each camera's image at world points: root mean square, over the two axes of the image, of how far
         the image of a point moves at most for each metre that the point moves. NaN at or behind a camera."""
         normalized, depth_m = _normalized(self._in_cameras(points_m))
-        return np.sqrt(np.sum(self._focal_px**2 * (1 + normalized**2), axis=-1) / 2) / depth_m[..., 0]
+        return np.sqrt(np.vecdot(self._focal_px**2, 1 + normalized**2) / 2) / depth_m[..., 0]
 
     def linearized(
         self, points_m: Float[np.ndarray, "camera *points 3"]

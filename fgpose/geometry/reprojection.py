@@ -37,7 +37,7 @@ def linearized_projection(
     n_frames, n_cameras, n_joints = undistorted_px.shape[:3]
     projected_px, jacobian = project(positions_m.reshape(-1, 3), rig.camera_T_world, rig.K)
     residual_px = projected_px - undistorted_px.transpose(1, 3, 0, 2).reshape(n_cameras, 2, -1)
-    known = np.asarray(np.isfinite(residual_px).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
+    known = np.asarray(np.isfinite(residual_px).all(axis=1))  # and then the Jacobian is
     np.copyto(residual_px, 0.0, where=~known[:, None])
     np.copyto(jacobian, 0.0, where=~known[:, None, None])
 

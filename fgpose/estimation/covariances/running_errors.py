@@ -6,7 +6,7 @@ from __future__ import annotations
 import importlib
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -48,6 +48,7 @@ class RunningSizes:
     def __init__(self) -> None:
         self.size = 1.0
         """As the last stretch says that is over."""
+        self._usual: _Stretch | None = None  # of all that tell what single frames find by chance
         self._stretch, self._in_stretch_s = list[Float[np.ndarray, "2 joint"]](), 0.0  # products, dimensions
         self._stretches: deque[_Stretch] = deque(maxlen=int(MEMORY_S / SAME_S))
 
@@ -63,21 +64,16 @@ class RunningSizes:
             self._stretches.append(_Stretch(found, measurements, float(by_chance), measurements / len(self._stretch)))
             known = np.array([(each.found, each.measurements) for each in self._stretches])
             self.size = float(sizes_over_time(*known.T)[-1])
+            self._usual = _Stretch.usual([each for each in self._stretches if np.isfinite(each.by_chance)])
             self._stretch, self._in_stretch_s = [], 0.0
 
     def of_frame(self, found: float, measurements: float) -> float:
         """As lately, or larger, as far as a frame by itself differs by more than single ones do by chance."""
-        told = [each for each in self._stretches if np.isfinite(each.by_chance)]
-        if (
-            not told
-            or not found > 0
-            or measurements <= LEAST_OF_STRETCH * medians(np.array([each.in_frame for each in told]))
-        ):
+        usual = self._usual
+        if usual is None or not found > 0 or measurements <= LEAST_OF_STRETCH * usual.in_frame:
             return self.size
-        weights = [each.measurements for each in told]
-        usual = self.size * np.average([each.found for each in told], weights=weights)
-        chance = np.average([each.by_chance for each in told], weights=weights) / measurements
-        off = max(float(np.log(found / usual)), 0.0)
+        chance = usual.by_chance / measurements
+        off = max(float(np.log(found / (self.size * usual.found))), 0.0)
         real = max(off**2 - chance, 0.0)
         return float(self.size * np.exp(off * real / max(real + chance, 1e-12)))
 
@@ -91,6 +87,19 @@ class _Stretch:
     """Variance of the logarithm of what a single frame finds, times its measurements."""
     in_frame: float
     """Measurements of a single frame."""
+
+    @staticmethod
+    def usual(stretches: list[_Stretch]) -> _Stretch | None:
+        """Of these, all together; None without any."""
+        if not stretches:
+            return None
+        found, measurements, by_chance, in_frame = np.array([astuple(each) for each in stretches]).T
+        return _Stretch(
+            float(np.average(found, weights=measurements)),
+            float(measurements.sum()),
+            float(np.average(by_chance, weights=measurements)),
+            float(medians(in_frame)),
+        )
 
 
 class RunningErrors:
