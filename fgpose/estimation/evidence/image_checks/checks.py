@@ -17,9 +17,9 @@ from fgpose.estimation.evidence.image_checks.flips import correct_flips
 from fgpose.estimation.evidence.image_checks.followed import FollowedViews, views_gone_over
 from fgpose.estimation.evidence.image_checks.on_other_side import RunningOtherSide, on_other_side
 from fgpose.estimation.evidence.image_checks.running_flips import RunningFlips
-from fgpose.estimation.evidence.image_checks.sides import limbs, with_sides_exchanged
+from fgpose.estimation.evidence.image_checks.sides import limb_joints, limbs_of, with_sides_exchanged
 from fgpose.geometry.camera import CameraRig
-from fgpose.observations import Observations
+from fgpose.observations import Observations, blanked
 from fgpose.skeleton import Skeleton
 
 # On such a grid joints that stand still come again by chance. Networks give more digits.
@@ -74,19 +74,30 @@ class ImageChecks:
         new, time_s, body = images.without(repeated), float(images.frame_time_s[0]), list(images.skeleton.body)
         of_body_m, of_all_m = expected_m(time_s), np.full((images.skeleton.n_joints, 3), np.nan)
         of_all_m[body] = of_body_m
-        of_limbs = limbs(new, rig)
+        undistorted_px = _undistorted_px(new, rig)
+        of_limbs = limbs_of(undistorted_px, new)
         flipped, flips = self.flips.after(new, of_limbs, of_all_m, rig)
         if flipped.any():
             new = with_sides_exchanged(new, flipped[None])
-            of_limbs = limbs(new, rig)
+            undistorted_px = _undistorted_px(new, rig)
+            of_limbs = limbs_of(undistorted_px, new)
         on_other, other_side = self.other_side.after(new, of_limbs, of_all_m, rig)
         new = new.without(on_other[None])
-        of_body_px, confidence = rig.undistort(new.points2d_px[0][:, body]), new.confidence[0][:, body].astype(float)
+        of_body_px = blanked(undistorted_px[0], on_other)[:, body]
+        confidence = new.confidence[0][:, body].astype(float)
         followed = self.followed.after(of_body_px, confidence, time_s, of_body_m, rig)
         shows = images.seen[0].any(axis=-1)
         before_px = np.where(shows[:, None, None], images.points2d_px[0], self.before_px)
         after = ImageChecks(before_px, is_new[0], flips, other_side, followed)
         return without_views(new, followed.gone_over[None]), after
+
+
+def _undistorted_px(images: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera joint 2"]:
+    """Of the joints that are looked at; NaN for hands and face."""
+    joints = sorted({*images.skeleton.body, *limb_joints(images.skeleton).ravel().tolist()})
+    undistorted_px = np.full(images.points2d_px.shape, np.nan)
+    undistorted_px[:, :, joints] = rig.undistort(images.points2d_px[:, :, joints])
+    return undistorted_px
 
 
 def _repeated(

@@ -82,7 +82,18 @@ def limbs(observations: Observations, rig: CameraRig) -> Limbs:
     pairs = limb_joints(observations.skeleton)
     points_px = rig.undistort(observations.points2d_px[:, :, pairs.ravel()])
     confidence = observations.confidence[:, :, pairs]
-    points_px = points_px.reshape(*confidence.shape, 2)
+    return _weighted(points_px.reshape(*confidence.shape, 2), confidence)
+
+
+def limbs_of(undistorted_px: Float[np.ndarray, "frame camera joint 2"], observations: Observations) -> Limbs:
+    """The same of detections of all joints that are undistorted already."""
+    pairs = limb_joints(observations.skeleton)
+    return _weighted(undistorted_px[:, :, pairs], observations.confidence[:, :, pairs])
+
+
+def _weighted(
+    points_px: Float[np.ndarray, "frame camera pair side 2"], confidence: Float[np.ndarray, "frame camera pair side"]
+) -> Limbs:
     seen = np.isfinite(points_px).all(axis=-1)
     usual = float(medians(confidence[seen])) if seen.any() else 1.0
     return points_px, np.where(seen, np.minimum(confidence / usual, 1.0), 0.0)
