@@ -315,18 +315,23 @@ def is_same_in_all_frames(array: np.ndarray) -> bool:
     return array.strides[0] == 0 and len(array) > 1
 
 
+def _is_same(array: np.ndarray, one: np.ndarray) -> bool:
+    return is_same_in_all_frames(array) and np.array_equal(array[0], one[0], equal_nan=True)
+
+
 def concatenated(parts: Sequence[Evidence]) -> Evidence:
     """Of parts that follow each other; some may have depths and others none."""
     if len(parts) == 1:
         return parts[0]
     most = max(part.depth_sigma_m.shape[1] for part in parts)
     parts = [part if part.depth_sigma_m.shape[1] == most else part._with_views(most) for part in parts]
-    return Evidence(**{name: _one_after_another([getattr(part, name) for part in parts]) for name in _NAMES})
+    arrays = [vars(part) for part in parts]
+    return Evidence(**{name: _one_after_another([own[name] for own in arrays]) for name in _NAMES})
 
 
 def _one_after_another(arrays: Sequence[np.ndarray]) -> np.ndarray:
     """As numpy.concatenate; what is the same in all frames stays so, which is more than half of what is gathered."""
     one = arrays[0]
-    if all(is_same_in_all_frames(own) and np.array_equal(own[0], one[0], equal_nan=True) for own in arrays):
+    if is_same_in_all_frames(one) and all(_is_same(own, one) for own in arrays):
         return np.broadcast_to(one[0], (sum(map(len, arrays)), *one.shape[1:]))
     return np.concatenate(arrays)

@@ -174,7 +174,7 @@ class Search(Generic[State]):
 
     def _predicted_decrease(self, gradient: Vector, step: Vector) -> float:
         """-g s - s H s / 2, with (H + damping D) s = -g."""
-        damped = self._damping * np.dot(step, self._problem.damping_scale * step)
+        damped = self._damping and self._damping * np.dot(step, self._problem.damping_scale * step)
         return 0.5 * float(damped - np.dot(gradient, step))
 
     def _take_whole(self, step: Vector, predicted_decrease: float) -> bool:

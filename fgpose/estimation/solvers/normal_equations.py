@@ -55,25 +55,29 @@ class NormalEquations:
         self._band = Band(n_frames, 3 * n_slots, n_kinds)
         self._shape = n_frames, n_kinds, n_slots, 3
         self.step_tolerance = segment.config.solver.step_tolerance_m
-        self.damping_scale = self._damping_scale()
 
     def initial(self) -> BatchState:
         """The first guess; velocities start at zero, the solution does not depend on them."""
         segment = self._segment
         joints = np.zeros(self._shape)
         joints[:, 0][self._active] = segment.start_m[:, segment.joints][self._active]
-        return BatchState(joints, np.nan_to_num(segment.lengths_m[: segment.n_lengths]))
+        return BatchState(joints, self._first_lengths_m)
 
     def at(self, poses: Float[np.ndarray, "frame kind joint 3"]) -> BatchState:
         """The state with these positions and velocities, finite where a joint is active, and the first guess of the
         lengths."""
         active = self._active[:, None, :, None]
-        return BatchState(np.where(active, poses[:, :, self._segment.joints], 0.0), self.initial().lengths_m)
+        return BatchState(np.where(active, poses[:, :, self._segment.joints], 0.0), self._first_lengths_m)
 
     def error(self, state: BatchState) -> float:
         return sum(factors.error(state) for factors in self._factors)
 
-    def _damping_scale(self) -> Float[np.ndarray, " unknown"]:
+    @property
+    def _first_lengths_m(self) -> Float[np.ndarray, " length"]:
+        return np.nan_to_num(self._segment.lengths_m[: self._segment.n_lengths])
+
+    @cached_property
+    def damping_scale(self) -> Float[np.ndarray, " unknown"]:
         """1 for positions, squared seconds for velocities, the number of frames for lengths: they move joints in all
         frames."""
         joints = np.ones(self._shape)
@@ -128,9 +132,10 @@ class NormalEquations:
 
     def _factorize(self, information: Information, damping: float = 0.0) -> BlockTridiagonal:
         """Raises numpy.linalg.LinAlgError: not positive definite."""
-        joints, lengths = _split(damping * self.damping_scale, self._shape)
-        np.einsum("tjakjak->tkja", information.frames)[:] += joints
-        np.einsum("ll->l", information.corner)[:] += lengths
+        if damping:
+            joints, lengths = _split(damping * self.damping_scale, self._shape)
+            np.einsum("tjakjak->tkja", information.frames)[:] += joints
+            np.einsum("ll->l", information.corner)[:] += lengths
         border = information.border.reshape(len(information.border), self._band.size, -1)
         return BlockTridiagonal(self._band, self._coupling, border, information.corner)
 
