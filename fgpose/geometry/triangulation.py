@@ -86,12 +86,13 @@ def _solve(
     """Least squares of rows @ (X, 1) = 0 with one weight per view, by the normal equations in closed form."""
     flat, weighted = rows.reshape(4, -1, rows.shape[-1]), (rows * information).reshape(4, -1, rows.shape[-1])
     normal = np.einsum("irn,jrn->ijn", flat[:3], weighted)
-    (a, b, c, x), (_, d, e, y), (_, _, f, z) = normal
+    (a, b, c), (_, d, e), (_, _, f) = normal[:, :3]
     aa, bb, cc, dd, ee, ff = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
     determinant = a * aa + b * bb + c * cc
     # Relative to the scale of the matrix: rays that are parallel to 1e-6 give about 1e-12.
     determinant[~(usable & (determinant > 1e-12 * (a + d + f) ** 3))] = np.nan
-    return np.array([aa * x + bb * y + cc * z, bb * x + dd * y + ee * z, cc * x + ee * y + ff * z]) / -determinant
+    adjugate = np.array([[aa, bb, cc], [bb, dd, ee], [cc, ee, ff]])
+    return np.einsum("ijn,jn->in", adjugate, normal[:, 3]) / -determinant
 
 
 def triangulate_robust(
@@ -192,7 +193,8 @@ def _score(
         depth_m = projected[..., 2]
         wider = np.maximum(usual_from_m / np.maximum(depth_m, _NEAREST_M), 1.0)
         threshold_px = threshold_px * np.where(depth_m < _NEAR_M, wider, 1.0)
-    error = np.sum((pixels - points_px[..., None, :, :]) ** 2, axis=-1) / threshold_px**2
+    off_px = pixels - points_px[..., None, :, :]
+    error = np.vecdot(off_px, off_px) / threshold_px**2
     inliers = (error < 1.0) & (weights > 0)[..., None, :]
     score = np.sum(np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0), axis=-1)
     return score, inliers
