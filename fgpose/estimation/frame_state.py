@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.estimation.evidence.delays import image_shift_px
-from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.evidence import Evidence, changed
 from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.segment import FrameTime
 from fgpose.geometry.camera import CameraRig
@@ -60,22 +60,22 @@ class FrameState:
     @property
     def as_gathered(self) -> Evidence:
         """With the weights as gathered, and the standard deviations and probabilities of the graph."""
-        return replace(self.gathered, sigma_px=self.evidence.sigma_px, visibility=self.evidence.visibility)
+        return changed(self.gathered, sigma_px=self.evidence.sigma_px, visibility=self.evidence.visibility)
 
     def weighted(self, evidence: Evidence, frame: slice, joints: Bool[np.ndarray, " joint"]) -> Evidence:
         """Its evidence with the visibility of this frame of another, and the weights and standard deviations there for
         some joints."""
-        changed: dict[str, np.ndarray] = {}
+        values: dict[str, np.ndarray] = {}
         for name in ("weights", "sigma_px", "depth_sigma_m"):
             own = getattr(self.evidence, name)
             of_other = getattr(evidence, name)[frame, : own.shape[1]]  # nothing where this frame has no depths
-            changed[name] = np.where(joints, of_other, own)
-        return replace(self.evidence, **changed, visibility=evidence.visibility[frame])
+            values[name] = np.where(joints, of_other, own)
+        return changed(self.evidence, **values, visibility=evidence.visibility[frame])
 
     def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
         """The newest frame with the probability that each of its detections is of its joint."""
-        evidence = replace(self.evidence, visibility=visibility[None])
-        return replace(self, evidence=evidence, filtered=visibility)
+        evidence = changed(self.evidence, visibility=visibility[None])
+        return changed(self, evidence=evidence, filtered=visibility)
 
     @cached_property
     def joints(self) -> list[int]:
@@ -114,7 +114,7 @@ class FrameState:
         entering: Bool[np.ndarray, " joint"],
     ) -> FrameState:
         """The frame with another image, by which these joints are triangulated for the first time."""
-        return replace(
+        return changed(
             self,
             observations=observations,
             image_time_s=image_time_s,

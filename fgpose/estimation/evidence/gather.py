@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config, DepthConfig, FusionConfig
 from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock, delays_s
-from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, is_same_in_all_frames
+from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, changed, is_same_in_all_frames
 from fgpose.estimation.evidence.fusion import fuse_undistorted
 from fgpose.estimation.evidence.plausibility import (
     Bodies,
@@ -101,7 +101,7 @@ def without(
     some = observations.frames(frames)
     said = np.ones((some.n_frames, some.skeleton.n_joints))
     nothing = _gather(replace(some, **observations.per_detection(emptied)), rig, config, said)
-    nothing = replace(nothing, implausible=np.ones_like(nothing.implausible))
+    nothing = changed(nothing, implausible=np.ones_like(nothing.implausible))
     if frames.all():
         return nothing
     values = {}
@@ -121,7 +121,7 @@ def _gather(
         return evidence
     # Of all frames together: the whole recording tells how good the depths are.
     rays, depth_sigma_m = _depths(observations, observations.points3d_m, rig, triangulated_m, config.depth)
-    return replace(
+    return changed(
         evidence,
         views_m=observations.points3d_m,
         rays=rays,

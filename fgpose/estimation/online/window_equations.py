@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import concatenated
+from fgpose.estimation.evidence.evidence import changed, concatenated
 from fgpose.estimation.factors.state import BatchState
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
@@ -123,7 +123,7 @@ class WindowEquations:
         pose = self._poses[number] if number >= 0 else self._earlier_pose(-number)
         is_active = state.active[:, None]
         velocities_mps = np.where(is_active, pose[1], 0.0) if len(pose) > 1 else np.zeros_like(pose[0])
-        return replace(state, positions_m=np.where(is_active, pose[0], np.nan), velocities_mps=velocities_mps)
+        return changed(state, positions_m=np.where(is_active, pose[0], np.nan), velocities_mps=velocities_mps)
 
     def _earlier_pose(self, n_before: int) -> Float[np.ndarray, "kind joint 3"]:
         """Of a frame that is so many before those that are solved."""
@@ -158,13 +158,13 @@ class WindowEquations:
             self._marginal = again.marginal
         for at, state in changes.items():
             number = at - len(self._eliminated)
-            self._frames[number] = replace(self._frames[number], evidence=state.evidence)
+            self._frames[number] = changed(self._frames[number], evidence=state.evidence)
 
     def _set(self, at: int, positions_m: Float[np.ndarray, "joint 3"], joints: Bool[np.ndarray, " joint"]) -> None:
         """Estimate these joints of a frame, from these positions on."""
         number = at - len(self._eliminated)
         state = self._frames[number]
-        self._frames[number] = replace(state, active=state.active | joints)
+        self._frames[number] = changed(state, active=state.active | joints)
         self._poses[number] = self._poses[number].copy()
         self._poses[number][0, joints] = positions_m[joints]
 

@@ -4,13 +4,13 @@ them."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
+from fgpose.estimation.evidence.evidence import changed
 from fgpose.estimation.factors.kinds import factors_of
 from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.frame_state import FrameState
@@ -60,7 +60,7 @@ class WindowGraph:
         """Change frames; these joints of the last of them are not in the graph yet."""
         new = gtsam.Values(), list[int]()
         if entering is not None:
-            new = self._variables(replace(changes[max(changes)], active=entering))
+            new = self._variables(changed(changes[max(changes)], active=entering))
         self._smoother.replace(self._replacements(changes, rig), *new)
 
     def move(
@@ -84,7 +84,7 @@ class WindowGraph:
         if self._config.motion.model == "constant_velocity":
             velocities_mps[state.active] = self._smoother.points(state.velocity_keys)
         positions_m[state.active] = self._smoother.points(state.position_keys)
-        return replace(state, positions_m=positions_m, velocities_mps=velocities_mps)
+        return changed(state, positions_m=positions_m, velocities_mps=velocities_mps)
 
     def covariances_m2(self, newest: FrameState) -> Float[np.ndarray, "active_joint 3 3"]:
         """Marginal covariance of each position of the newest frame."""
@@ -102,7 +102,7 @@ class WindowGraph:
         for at, state in changes.items():
             start_m, linearized_m = state.positions_m.copy(), self._smoother.linearization_points(state.position_keys)
             start_m[state.active] = np.where(np.isnan(linearized_m), start_m[state.active], linearized_m)
-            state = replace(state, positions_m=start_m)
+            state = changed(state, positions_m=start_m)
             replacements[at] = self._keys(state), self._own_factors(self._segment(state, rig), state)
         return replacements
 

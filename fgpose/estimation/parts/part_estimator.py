@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config
 from fgpose.estimation.estimates import Estimates
 from fgpose.estimation.evidence.credibility import RunningCredibility
-from fgpose.estimation.evidence.evidence import Evidence, concatenated
+from fgpose.estimation.evidence.evidence import Evidence, changed, concatenated
 from fgpose.estimation.evidence.gather import gather_frame
 from fgpose.estimation.evidence.images import corrected, fits_better
 from fgpose.estimation.evidence.plausibility import Bodies, RunningPlausibility
@@ -213,7 +213,7 @@ class PartEstimator:
             self._plausibility.count(bodies)
             return replace(self._estimates.newest(self._window, self._rig), is_implausible=True)
         delay_s = np.nan_to_num(image_time_s - state.at.time_s) + self._rig.time_offsets_s
-        gathered = replace(gathered, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
+        gathered = changed(gathered, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
         gathered = corrected(gathered, state.positions_m, state.velocities_mps, self._visibility.bias, self._rig)
         pose = state.positions_m, self._rig
         if is_newest:
@@ -280,12 +280,12 @@ class PartEstimator:
         differs = new_lengths[:, None] | (known.detected & (share > _CHANGED_SHARE)).any(axis=1)
         unseen, changes = maybe_unseen(known), dict[int, FrameState]()
         for number, state in enumerate(frames):
-            changed = state.active & with_references(differs[number], unseen[number], self.skeleton)
-            evidence = state.weighted(known, slice(number, number + 1), changed)
+            renewed = state.active & with_references(differs[number], unseen[number], self.skeleton)
+            evidence = state.weighted(known, slice(number, number + 1), renewed)
             lengths_m = self._lengths.learned.lengths_m if new_lengths[number] else state.lengths_m
-            state = replace(state, evidence=evidence, filtered=filtered[number], lengths_m=lengths_m)
-            if changed.any():
-                changes[first + number] = replace(state, active=changed)
+            state = changed(state, evidence=evidence, filtered=filtered[number], lengths_m=lengths_m)
+            if renewed.any():
+                changes[first + number] = changed(state, active=renewed)
             self._window[first + number] = state
         return changes
 

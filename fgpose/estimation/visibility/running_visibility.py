@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import Bias, RunningBias
-from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.evidence import Evidence, changed
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.noise import LEARNED_EVERY_S
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
@@ -226,7 +226,7 @@ class RunningVisibility:
             said = self._said(residuals, self._spread_m[None, :, None], rig)
             is_off = np.isfinite(said.off_path_m[0]).all(axis=-1)
             probability = np.where(is_off, self._chain.updated(probability, said.log_odds[0]), probability)
-            evidence = replace(evidence, off_path_m=said.off_path_m)
+            evidence = changed(evidence, off_path_m=said.off_path_m)
         return self._with_probability(probability, evidence, length_m, px_per_m, since_s)
 
     def _with_probability(

@@ -9,14 +9,12 @@ expectation-maximisation, in fgpose.estimation.smoother).
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence.detection_bias import ResidualSums
-from fgpose.estimation.evidence.evidence import PROBABLE, Evidence
+from fgpose.estimation.evidence.evidence import PROBABLE, Evidence, changed
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.visibility.agreement import Agreement
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, hidden_information
@@ -73,7 +71,7 @@ def judged(
     said = Agreement.of(residuals, spread_of_joint_m, spread_m, chain.usual, 0.0, rig, skeleton, priors)
     odds = said.log_odds * independent(step_s, RESIDUALS_CORRELATED_S)[:, None, None]
     probability = chain.smoothed(chain.filtered(odds, step_s), odds, step_s)
-    evidence = replace(evidence, off_path_m=said.off_path_m)
+    evidence = changed(evidence, off_path_m=said.off_path_m)
     return with_visibility(evidence, *residuals.of_seen, spread_m, probability, step_s[:, None, None], priors)
 
 
@@ -102,7 +100,7 @@ def with_visibility(
 ) -> Evidence:
     """The evidence with this probability of visible, and the standard deviations and weights that follow from it."""
     hidden = hidden_information(length_m, spread_m, config)
-    known = replace(evidence, sigma_px=graph_sigma_px(evidence, spread_m, px_per_m), visibility=probability)
+    known = changed(evidence, sigma_px=graph_sigma_px(evidence, spread_m, px_per_m), visibility=probability)
     return known.trusted(_share(probability * evidence.credible[:, None], evidence.weights, hidden, step_s))
 
 

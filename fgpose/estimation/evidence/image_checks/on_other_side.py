@@ -93,7 +93,7 @@ class RunningOtherSide:
         if known.any() and at_one_place.any():
             off_px = norm(rig.project(limbs_m).reshape(points_px.shape) - points_px)
             is_off = ~(off_px * m_per_px[..., None, None] < _OFF_M) & (weights > 0)
-            doubtful = at_one_place & is_off.any(axis=(1, 3))[:, None]
+            doubtful = at_one_place & np.asarray(is_off.any(axis=(1, 3)))[:, None]
         (said,) = _said(points_px, weights, doubtful, m_per_px, all_limbs, rig)
         goes_on = np.stack([at_one_place[0][:, limb.pairs].any(axis=-1) for limb in all_limbs], axis=-1)
         n_frames = np.where(goes_on, self.n_frames + 1, 0)
