@@ -28,7 +28,8 @@ def rays_to(
 ) -> Float[np.ndarray, "frame camera joint 3"]:
     """Unit vectors from each camera to the joints; 0 where they are not known."""
     rays = positions_m[:, None] - rig.positions_m[:, None]
-    return np.nan_to_num(rays / norm(rays)[..., None])
+    rays /= norm(rays)[..., None]
+    return np.where(np.isnan(rays), 0.0, rays)  # np.nan_to_num takes four times as long
 
 
 def other_side_m2(

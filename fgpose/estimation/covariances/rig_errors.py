@@ -60,7 +60,7 @@ class JointMoves:
         """
         known = known & (known.sum(axis=1, keepdims=True) >= 2)
         jacobian = np.where(known[..., None, None], jacobian, 0.0)
-        by_pose = jacobian @ _by_pose(rig.camera_T_world, np.nan_to_num(positions_m))
+        by_pose = jacobian @ _by_pose(rig.camera_T_world, positions_m)
         covariance = np.linalg.inv(invertible(np.einsum("tcjia,tcjib->tjab", jacobian, jacobian)))
         moved = -covariance[:, None] @ (jacobian.swapaxes(-1, -2) @ by_pose)
         return JointMoves(jacobian, by_pose, covariance, moved.swapaxes(1, 2))
@@ -153,7 +153,7 @@ def without_move(
     """The residuals as they would be if this camera had not moved; see MoveSums.most_likely."""
     camera, move = moved
     without, poses = residual.copy(), rig.camera_T_world[camera : camera + 1]
-    moved_m = _by_pose(poses, np.nan_to_num(positions_m))[:, 0] @ move
+    moved_m = _by_pose(poses, positions_m)[:, 0] @ move
     without[:, camera] += np.einsum("tjia,tja->tji", jacobian[:, camera], moved_m)
     return without
 
@@ -161,7 +161,9 @@ def without_move(
 def _by_pose(
     camera_T_world: Float[np.ndarray, "camera 4 4"], positions_m: Float[np.ndarray, "frame joint 3"]
 ) -> Float[np.ndarray, "frame camera joint 3 6"]:
-    """How joints move, in the world, if each camera stays and they do what its pose should have done."""
+    """How joints move, in the world, if each camera stays and they do what its pose should have done; of those that are
+    not known, as if they were at the origin."""
+    positions_m = np.where(np.isnan(positions_m), 0.0, positions_m)  # np.nan_to_num takes four times as long
     R, t_m = camera_T_world[:, :3, :3], camera_T_world[:, None, :3, 3]
     in_camera_m = positions_m[:, None] @ R.swapaxes(1, 2) + t_m
     distance_m = np.maximum(medians(in_camera_m[..., 2].swapaxes(0, 1).reshape(len(R), -1)), 1.0)

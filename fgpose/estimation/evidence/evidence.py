@@ -212,7 +212,8 @@ class Evidence:
         rig: CameraRig,
     ) -> Evidence:
         """Without this bias of the detections of joints at these positions."""
-        bias_px = np.nan_to_num(rig.px_per_m(positions_m))[..., None] * bias.bias_m
+        px_per_m = rig.px_per_m(positions_m)
+        bias_px = np.where(np.isnan(px_per_m), 0.0, px_per_m)[..., None] * bias.bias_m
         return changed(
             self,
             undistorted_px=self.measured_px - bias_px,

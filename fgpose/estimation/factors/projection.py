@@ -156,6 +156,7 @@ def detection_information(
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """Information of the detections of a frame alone on points at these positions, 1/m^2; NaN where a point is NaN."""
     table = Projections.of_detections(rig, undistorted_px, sigma_px, config)
-    information = table.information(np.nan_to_num(positions_m))
-    information[np.isnan(positions_m).any(axis=-1)] = np.nan
+    unknown = np.isnan(positions_m)
+    information = table.information(np.where(unknown, 0.0, positions_m))
+    information[unknown.any(axis=-1)] = np.nan
     return information

@@ -53,7 +53,7 @@ class Posture:
         """
         direction, length_m = bone_directions(positions_m, skeleton)
         known = np.isfinite(length_m)
-        direction, length_m = np.nan_to_num(direction), np.nan_to_num(length_m)
+        direction, length_m = np.where(known[..., None], direction, 0.0), np.where(known, length_m, 0.0)
         outer = step_s * direction[..., :, None] * direction[..., None, :]
         along_m = np.einsum("tb,tbij->ij", length_m, outer)
         return Posture(step_s * known.sum(axis=0), step_s * direction.sum(axis=0), outer.sum(axis=0), along_m)

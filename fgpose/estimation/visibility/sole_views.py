@@ -238,7 +238,8 @@ def _distance_sigma_m(
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Standard deviation of the distance of joints from each camera as all cameras tell it: the more they see it from
     the side. Errors that are correlated in time are made up for."""
-    directions = np.nan_to_num(offsets_m / norm(offsets_m)[..., None])
+    directions = offsets_m / norm(offsets_m)[..., None]
+    directions = np.where(np.isnan(directions), 0.0, directions)
     cosine = np.einsum("tcji,tdji->tcdj", directions, directions)
     information = np.einsum("tdj,tcdj->tcj", sigma_m**-2, np.maximum(1 - cosine**2, 0.0))
     correlated = correlated_frames(usual_step_s(evidence.time_s), CORRELATION_S)
