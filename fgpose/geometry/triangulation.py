@@ -70,8 +70,8 @@ def triangulate(
     rows = np.where(known, np.where(known, across, 0.0) * matrices[:, 2, None] - matrices[:, :2], 0.0)
     information = np.where(known, weights, 0.0)
     enough = known.sum(axis=0) >= 2
-    positions_m = _solve(rows, information / np.sum(matrices[:3, 0] ** 2, axis=0), enough)
-    depths_m = np.sum(matrices[:3, 2] * positions_m[:, None], axis=0) + matrices[3, 2]
+    positions_m = _solve(rows, information / (matrices[:3, 0] ** 2).sum(axis=0), enough)
+    depths_m = (matrices[:3, 2] * positions_m[:, None]).sum(axis=0) + matrices[3, 2]
     usable = enough & np.isfinite(positions_m).all(axis=0)
     # A view within 1 mm of the point, which no image is in focus at, would outweigh all others.
     depths_m = np.where(np.abs(depths_m) > 1e-3, depths_m, 1e-3)
@@ -196,8 +196,8 @@ def _score(
     off_px = pixels - points_px[..., None, :, :]
     error = np.vecdot(off_px, off_px) / threshold_px**2
     inliers = (error < 1.0) & (weights > 0)[..., None, :]
-    score = np.sum(np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0), axis=-1)
-    return score, inliers
+    score = np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0)
+    return score.sum(axis=-1), inliers
 
 
 def parallax_rad(

@@ -205,9 +205,9 @@ def products_later(
     """Of each frame with the one at the same place in the other, and the dimensions of their common parity space."""
     both = earlier.known & later.known
     squared = np.einsum("tjv,tjv->tj", earlier.residual, later.residual)
-    own = np.sum(earlier.explained**2, axis=-1) + np.sum(later.explained**2, axis=-1)
+    own = np.vecdot(earlier.explained, earlier.explained) + np.vecdot(later.explained, later.explained)
     shared = earlier.explained.swapaxes(-1, -2) @ later.explained
-    return squared, np.sum(both * (1.0 - own), axis=-1) + np.sum(shared**2, axis=(-1, -2))
+    return squared, (both * (1.0 - own)).sum(axis=-1) + (shared**2).sum(axis=(-1, -2))
 
 
 def products_of_others(parity: Parity) -> tuple[Float[np.ndarray, "joint joint"], Float[np.ndarray, "joint joint"]]:

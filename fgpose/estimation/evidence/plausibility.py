@@ -134,8 +134,10 @@ def beyond_reach(
     of_cameras = rig.camera_T_world[:, :3]
     to_middle_m = np.einsum("cab,tb->tca", of_cameras[..., :3], middle_m) + of_cameras[..., 3]
     to_middle_m = to_middle_m[:, :, None]
-    along = np.sum(to_middle_m[..., :2] * normalized, axis=-1) + to_middle_m[..., 2]
-    squared_m2 = np.sum(to_middle_m**2, axis=-1) - np.maximum(along, 0.0) ** 2 / (1 + np.sum(normalized**2, axis=-1))
+    along = np.vecdot(to_middle_m[..., :2], normalized) + to_middle_m[..., 2]
+    squared_m2 = np.vecdot(to_middle_m, to_middle_m) - np.maximum(along, 0.0) ** 2 / (
+        1 + np.vecdot(normalized, normalized)
+    )
     return np.asarray(squared_m2 > _REACH_M**2)
 
 

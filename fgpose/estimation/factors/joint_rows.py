@@ -68,7 +68,7 @@ class JointRows(ABC):
 
     def error(self, state: BatchState) -> float:
         residual, _ = self.whitened(state)
-        return 0.5 * float(np.sum(residual**2))
+        return 0.5 * float((residual**2).sum())
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
         residual, jacobians = self.whitened(state)

@@ -32,7 +32,7 @@ class Marginals:
 
     def error(self, state: BatchState) -> float:
         off = state.joints[0] - self.around
-        return float(np.sum(off * (self.gradient + 0.5 * self._pull(off))))
+        return float((off * (self.gradient + 0.5 * self._pull(off))).sum())
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
         gradient.joints[0] += self.gradient + self._pull(state.joints[0] - self.around)

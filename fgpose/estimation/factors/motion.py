@@ -82,7 +82,7 @@ class Motions:
 
     def error(self, state: BatchState) -> float:
         unpredicted, pull = self._at(state)
-        return 0.5 * float(np.sum(unpredicted * pull))
+        return 0.5 * float((unpredicted * pull).sum())
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
         unpredicted, pull = self._at(state)

@@ -50,7 +50,7 @@ class Priors:
                 yield gtsam.PriorFactorPoint3(keys.velocity(frame, slot), np.zeros(3), noise)
 
     def error(self, state: BatchState) -> float:
-        return 0.5 * sum(float(np.sum(precision * residual**2)) for precision, residual in self._residuals(state))
+        return 0.5 * sum(float((precision * residual**2).sum()) for precision, residual in self._residuals(state))
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
         for kind, (precision, residual) in enumerate(self._residuals(state)):

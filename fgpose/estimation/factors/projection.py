@@ -144,7 +144,7 @@ class Projections:
             camera, point = np.nonzero(behind)
             residual_px[camera, :, point] = 2 * self.rig.K[camera, 0, 0, None]
             jacobian[camera, :, :, point] = 0.0
-        return residual_px, jacobian, self._precision * np.sum(residual_px**2, axis=1)
+        return residual_px, jacobian, self._precision * (residual_px**2).sum(axis=1)
 
 
 def detection_information(

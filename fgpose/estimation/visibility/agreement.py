@@ -96,7 +96,7 @@ def is_doubtful(length_m: Float[np.ndarray, "camera joint"], spread_m: Float[np.
 
 def _are_off(seen: np.ndarray, length_m: np.ndarray, spread_m: np.ndarray) -> Bool[np.ndarray, "*frame joint"]:
     """In which joints several detections are off."""
-    return np.asarray(np.sum(seen & (length_m > _OFF * spread_m), axis=-2) >= 2)
+    return np.asarray((seen & (length_m > _OFF * spread_m)).sum(axis=-2) >= 2)
 
 
 @dataclass(frozen=True, eq=False)
