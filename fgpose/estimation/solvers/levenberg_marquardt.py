@@ -10,6 +10,7 @@ are combined (fgpose.estimation.solvers.anderson), and steps that do not contrac
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar, runtime_checkable
 
@@ -59,7 +60,8 @@ class Problem(Protocol[State]):
     """A non-linear least-squares problem.
 
     Robust kernels enter by reweighting, which keeps the normal equations positive semidefinite, so that a sufficiently
-    damped step always descends.
+    damped step always descends. One with residuals that are far from linear within a step also has a method
+    remainder(state, step), J^T (r(x + s) - r(x) - J s): the gradient of what a step changes beyond the linearisation.
     """
 
     @property
@@ -87,15 +89,6 @@ class Problem(Protocol[State]):
         ...
 
 
-@runtime_checkable
-class Bending(Protocol[State]):
-    """A problem with residuals that are far from linear within a step."""
-
-    def remainder(self, state: State, step: Vector) -> Vector:
-        """J^T (r(x + s) - r(x) - J s): the gradient of what a step changes beyond the linearisation."""
-        ...
-
-
 @dataclass(frozen=True)
 class Solution(Generic[State]):
     """Where the optimiser ended, and how."""
@@ -120,7 +113,7 @@ class Search(Generic[State]):
 
     def __init__(self, problem: Problem[State], initial: State) -> None:
         self._problem = problem
-        self._bending = problem if isinstance(problem, Bending) else None
+        self._remainder: Callable[[State, Vector], Vector] | None = getattr(problem, "remainder", None)
         self.state, self.error = initial, problem.error(initial)
         self._damping, self._growth = 0.0, _DAMPING_GROWTH
         self._system: System | None = None
@@ -167,9 +160,9 @@ class Search(Generic[State]):
     def _corrected(self, system: System, step: Vector, size: float) -> Vector:
         """The step and what makes up for the remainder of the residuals, (H + damping D) c = -J^T remainder: a joint
         follows the circle around its neighbour, where the plain step leaves it along the tangent."""
-        if self._bending is None or not _CORRECTED_FROM_M < size < np.inf:
+        if self._remainder is None or not _CORRECTED_FROM_M < size < np.inf:
             return step
-        correction = -system.solve(self._bending.remainder(self.state, step))
+        correction = -system.solve(self._remainder(self.state, step))
         return step + correction if np.linalg.norm(correction) < _MOST_CORRECTION * np.linalg.norm(step) else step
 
     def _predicted_decrease(self, gradient: Vector, step: Vector) -> float:

@@ -80,9 +80,8 @@ class FollowedViews:
             known_m: where the person is by all views, or was expected; world frame, NaN where that is not known.
             rig: the cameras.
         """
-        anew = self.none(len(points_px), len(known_m))
         if np.isfinite(self.body.time_s) and time_s - self.body.time_s > _KNOWN_S:
-            return anew.after(points_px, confidence, time_s, known_m, rig)
+            return self._anew().after(points_px, confidence, time_s, known_m, rig)
         shows = _any_joint(points_px)
         follows = ~self.gone_over & (np.where(shows, time_s, self.recent.newest_s) >= time_s - RECENT_S)
         line_px = self.recent.expected_px(time_s)
@@ -90,7 +89,7 @@ class FollowedViews:
         # Where most views leave their lines, the person does, unless nobody could get there.
         if 2 * np.count_nonzero(breaks & follows) > np.count_nonzero(follows):
             if self._is_too_far(known_m, time_s):
-                return anew.after(points_px, confidence, time_s, known_m, rig)
+                return self._anew().after(points_px, confidence, time_s, known_m, rig)
             breaks[:] = False
         unseen_s = time_s - self.recent.newest_s
         breaks |= shows & (unseen_s > RECENT_S) & np.isfinite(unseen_s)
@@ -123,6 +122,9 @@ class FollowedViews:
         gone_over = (self.gone_over | goes) & ~comes_back & (time_s - told_s <= _KNOWN_S)
         recent = self.recent.plus(points_px, shows, time_s)
         return FollowedViews(gone_over, is_off, since_s, suspect_s, usual_m, told_s, recent, body)
+
+    def _anew(self) -> FollowedViews:
+        return self.none(len(self.gone_over), len(self.body.positions_m))
 
     def _breaks(
         self,
