@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,6 +25,12 @@ _STEPS = 2.0
 _REMEMBERED = 15
 # A camera that has not given an image for longer has no say in which clocks are right.
 _SILENT_S = 1.0
+
+
+class _Spread(NamedTuple):
+    least: float
+    median: float
+    most: float
 
 
 class ClockSteps:
@@ -80,8 +87,9 @@ class ClockSteps:
         given = np.isfinite(taken_s) & ~(arrived_s < self._arrived_s)
         after._newest_s = np.where(given, taken_s, self._newest_s)
         after._arrived_s = np.where(given, arrived_s, self._arrived_s)
+        limits_s, leads_s = after._limits_s(), _spread(self._leads_s)
         for c in np.flatnonzero(given).tolist():
-            after._add(c, float(taken_s[c] - self._newest_s[c]))
+            after._add(c, float(taken_s[c] - self._newest_s[c]), limits_s[c], leads_s[c])
         after._settle()
         return after
 
@@ -102,15 +110,15 @@ class ClockSteps:
             f"those of the others were not; its images are left out until it is right again{of_two}"
         )
 
-    def _add(self, c: int, step_s: float) -> None:
-        others_s, limit_s = self._newest_of_others(c), self._limit_s(c)
-        lead_s = self._newest_s[c] - others_s
-        by_s, beyond_s = self._unusual_s(c, lead_s)
+    def _add(self, c: int, step_s: float, limit_s: float, usual: _Spread) -> None:
+        others_s = self._newest_of_others(c)
+        lead_s = float(self._newest_s[c]) - others_s
+        by_s, beyond_s = lead_s - usual.median, lead_s - min(max(lead_s, usual.least), usual.most)
         if abs(by_s) > FAR_S:  # not of one camera, or the image would be refused
             self._leads_s[:, c], self._doubted_s[c], self.by_s[c], self.lasts[c] = np.nan, 0.0, 0.0, False
             return
         if step_s > 0:
-            self._steps_s[:, c] = np.append(self._steps_s[1:, c], step_s)
+            _append(self._steps_s[:, c], step_s)
         leaps = step_s > limit_s and beyond_s > limit_s and lead_s > limit_s
         goes_back = step_s < (0.0 if self._has_arrivals else -limit_s) and beyond_s < -limit_s and lead_s < -limit_s
         if self.by_s[c]:
@@ -132,34 +140,31 @@ class ClockSteps:
     def _newest_of_others(self, c: int) -> float:
         """Time of the newest image of the other cameras whose clocks were not set, and what they have gone on until
         this one came; NaN: there is none."""
-        newest_s = self._newest_s + np.nan_to_num(self._arrived_s[c] - self._arrived_s)
-        return float(np.fmax.reduce(np.delete(np.where(self.left_out, np.nan, newest_s), c), initial=np.nan))
-
-    def _unusual_s(self, c: int, lead_s: float) -> tuple[float, float]:
-        """By how much a camera is further ahead than is usual, and than it has been with any of its last images; NaN:
-        it is not known."""
-        known_s = self._leads_s[np.isfinite(self._leads_s[:, c]), c]
-        if not len(known_s):
-            return np.nan, np.nan
-        return lead_s - float(np.median(known_s)), lead_s - float(np.clip(lead_s, known_s.min(), known_s.max()))
+        elapsed_s = self._arrived_s[c] - self._arrived_s
+        newest_s = self._newest_s + np.where(np.isnan(elapsed_s), 0.0, elapsed_s)
+        newest_s[self.left_out], newest_s[c] = np.nan, np.nan
+        return float(np.fmax.reduce(newest_s))
 
     def _remember(self, c: int, lead_s: float) -> None:
-        if np.isfinite(lead_s):
-            self._leads_s[:, c] = np.append(self._leads_s[1:, c], lead_s)
+        if not np.isnan(lead_s):
+            _append(self._leads_s[:, c], lead_s)
 
     @property
     def _has_arrivals(self) -> bool:
         """Then nothing depends on how long images have waited since."""
         return bool(np.isfinite(self._arrived_s).all())
 
-    def _limit_s(self, c: int) -> float:
+    def _limits_s(self) -> list[float]:
         """Where a camera is further ahead of the others than by this, it is not by chance."""
         if self._has_arrivals:
-            return TOGETHER_S
-        n_known = np.isfinite(self._steps_s).sum(axis=0)
-        usual_s = np.sort(self._steps_s, axis=0)[np.maximum(n_known - 1, 0) // 2, np.arange(len(n_known))]
-        fastest_s = np.fmin.reduce(np.delete(usual_s, c), initial=np.inf)
-        return max(TOGETHER_S, _STEPS * float(np.fmax(usual_s[c], fastest_s)))
+            return [TOGETHER_S] * len(self._names)
+        usual_s, limits_s = [step.median for step in _spread(self._steps_s)], list[float]()
+        for c, own_s in enumerate(usual_s):
+            fastest_s = min(
+                (each_s for each_s in usual_s[:c] + usual_s[c + 1 :] if not np.isnan(each_s)), default=np.inf
+            )
+            limits_s.append(max(TOGETHER_S, _STEPS * max(fastest_s, own_s)))
+        return limits_s
 
     def _settle(self) -> None:
         """Where most clocks were set, it was those of the others."""
@@ -171,3 +176,15 @@ class ClockSteps:
             self.by_s = np.where(np.abs(by_s) > TOGETHER_S, by_s, 0.0)
             self._since_s = np.full(len(by_s), np.fmax.reduce(self._newest_s[self.by_s == 0]))
             self.lasts, self._doubted_s = np.zeros(len(by_s), dtype=bool), np.zeros(len(by_s))
+
+
+def _append(remembered: Float[np.ndarray, " remembered"], value: float) -> None:
+    """In place of the oldest."""
+    remembered[:-1], remembered[-1] = remembered[1:], value
+
+
+def _spread(values: Float[np.ndarray, "remembered camera"]) -> list[_Spread]:
+    """Of each camera; NaN where none is known."""
+    ordered, n_known = np.sort(values, axis=0), np.isfinite(values).sum(axis=0)
+    ranks = np.zeros_like(n_known), np.maximum(n_known - 1, 0) // 2, np.maximum(n_known - 1, 0)
+    return list(map(_Spread._make, np.take_along_axis(ordered, np.stack(ranks), axis=0).T.tolist()))
