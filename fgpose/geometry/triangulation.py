@@ -183,18 +183,15 @@ def _score(
     usual_from_m: float,
 ) -> tuple[Float[np.ndarray, "*points pair"], Bool[np.ndarray, "*points pair camera"]]:
     """MSAC score and inlier views of the point that each pair of views proposes."""
-    projected = np.einsum("cij,...j->...ci", rig.projection_matrices[..., :3], proposals_m)
-    projected = projected + rig.projection_matrices[..., 3]
-    in_front = projected[..., 2:] > 0
-    blank = np.full((*projected.shape[:-1], 2), np.nan)
-    pixels = np.divide(projected[..., :2], projected[..., 2:], out=blank, where=in_front)
+    # Coordinate by coordinate: with the coordinates inside, numpy takes several times as long.
+    x, y, depth_m = (proposals_m @ row[:, :3].T + row[:, 3] for row in rig.projection_matrices.swapaxes(0, 1))
+    depth_m[~(depth_m > 0)] = np.nan
     threshold_px = inlier_px[..., None, :]
     if usual_from_m > 0:
-        depth_m = projected[..., 2]
         wider = np.maximum(usual_from_m / np.maximum(depth_m, _NEAREST_M), 1.0)
         threshold_px = threshold_px * np.where(depth_m < _NEAR_M, wider, 1.0)
-    off_px = pixels - points_px[..., None, :, :]
-    error = np.vecdot(off_px, off_px) / threshold_px**2
+    x, y = x / depth_m - points_px[..., None, :, 0], y / depth_m - points_px[..., None, :, 1]
+    error = (x**2 + y**2) / threshold_px**2
     inliers = (error < 1.0) & (weights > 0)[..., None, :]
     score = np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0)
     return score.sum(axis=-1), inliers

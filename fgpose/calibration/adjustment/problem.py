@@ -20,7 +20,7 @@ from fgpose.calibration.adjustment.noise import Noise
 from fgpose.calibration.adjustment.normal_equations import Factorized
 from fgpose.calibration.adjustment.sightings import SeenFrom, Sightings
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, OFFSET, POSE, TRANSLATION, Unknowns
-from fgpose.estimation.solvers.elimination import eliminate_joints
+from fgpose.estimation.solvers.elimination import ReducedSystem, eliminate_joints
 from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
 from fgpose.geometry.camera import CameraRig
 from fgpose_factors import robust_loss, robust_weight
@@ -130,8 +130,9 @@ class BundleProblem:
         length_px = np.linalg.norm(self._from_detections(projection, state), axis=-1)
         return np.where(projection.in_front & (self.sightings.weights > 0), length_px, np.nan)
 
-    def gradient(self, state: Bundle) -> Float[np.ndarray, " unknown"]:
-        terms = self.linearized(state)
+    def gradient(self, state: Bundle, terms: Linearized | None = None) -> Float[np.ndarray, " unknown"]:
+        """Of the error; with the linearized state, where it is known."""
+        terms = self.linearized(state) if terms is None else terms
         pull = terms.weights[..., None] * terms.residual_px
         of_cameras = np.einsum("tcji,tcjik->ck", pull, terms.by_camera)
         of_cameras += self._prior_weights(state) * state.changes
@@ -169,23 +170,32 @@ class BundleProblem:
         """The same with other unknowns."""
         return BundleProblem(self.rig, self.sightings, unknowns, self._noise, self._seen_from, self._step_tolerance_m)
 
-    def equations(self, state: Bundle, damping: float = 0.0) -> Factorized:
+    def equations(self, state: Bundle, damping: float = 0.0, reduced: ReducedSystem | None = None) -> Factorized:
         """Gauss-Newton's around a state, factorised.
+
+        Args:
+            state: see linearized.
+            damping: of Levenberg and Marquardt.
+            reduced: what without_joints says of the state and the damping, where it is known.
 
         Raises:
             LinAlgError: they are not positive definite.
         """
-        terms, columns = self.linearized(state), self.unknowns.columns
+        reduced, columns = reduced or self.without_joints(self.linearized(state), damping), self.unknowns.columns
         rows = np.diag(self._prior_weights(state).ravel())
         if self._gauge is not None:
             _, by_far = self._gauge.residual(state.changes)
             of_far = N_OF_CAMERA * self._gauge.far + np.arange(TRANSLATION.start, TRANSLATION.stop)
             rows[np.ix_(of_far, of_far)] += np.outer(by_far, by_far)
-        reduced = eliminate_joints(
-            terms.residual_px, terms.by_joint, terms.by_camera, terms.weights, damping, terms.by_bias
-        )
         of_shared = columns.T @ rows @ columns + damping * np.diag(self.unknowns.scale_m2)
         return Factorized(reduced, columns, of_shared, self._noise.bias_m**-2 + damping)
+
+    @staticmethod
+    def without_joints(terms: Linearized, damping: float = 0.0) -> ReducedSystem:
+        """The same whatever is free of the cameras."""
+        return eliminate_joints(
+            terms.residual_px, terms.by_joint, terms.by_camera, terms.weights, damping, terms.by_bias
+        )
 
     def covariance(
         self, state: Bundle, of_scores: Float[np.ndarray, "shared shared"] | None = None
@@ -201,7 +211,8 @@ class BundleProblem:
             LinAlgError: they are not determined.
         """
         columns = self._own_columns(state)
-        return np.einsum("ciu,uv,djv->cidj", columns, self.equations(state).covariance(of_scores), columns)
+        shared = self.equations(state).covariance(of_scores)
+        return np.einsum("ciu,uv,djv->cidj", columns, shared, columns, optimize=True)
 
     def covariance_with_middle(self, state: Bundle) -> Float[np.ndarray, "row row"]:
         """Of the poses of all cameras, as in covariance, camera after camera, and then of the mean of the positions of

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
-from fgpose.calibration.adjustment.unknowns import FOCAL, Unknowns
+from fgpose.calibration.adjustment.problem import Bundle, BundleProblem, Linearized
+from fgpose.calibration.adjustment.unknowns import FOCAL, N_OF_CAMERA, Unknowns
+from fgpose.estimation.solvers.elimination import ReducedSystem
 
 # A focal length in so many is that of another lens, resolution or mode, and then so far off (standard deviation).
 _WRONG, _WRONG_BY = 0.1, 0.1
@@ -52,15 +53,23 @@ def check_focal(problem: BundleProblem, adjusted: Bundle) -> FocalCheck:
 
     All at once would be as bad as it is to estimate them all: those of a short walk move by tens of per cent.
     """
-    steps, sigmas = zip(*(_step(problem, adjusted, c) for c in range(problem.unknowns.n_cameras)), strict=True)
+    # Most of the work, and the same whichever focal length is free.
+    terms = problem.linearized(adjusted)
+    reduced = problem.without_joints(terms)
+    each = [_step(problem, adjusted, terms, reduced, c) for c in range(problem.unknowns.n_cameras)]
+    steps, sigmas = zip(*each, strict=True)
     moves = np.stack(steps)
     return FocalCheck(np.einsum("cc->c", moves[:, :, FOCAL]), np.array(sigmas), moves[:, :, :6])
 
 
-def _step(problem: BundleProblem, adjusted: Bundle, camera: int) -> tuple[Float[np.ndarray, "camera 11"], float]:
+def _step(
+    problem: BundleProblem, adjusted: Bundle, terms: Linearized, reduced: ReducedSystem, camera: int
+) -> tuple[Float[np.ndarray, "camera 11"], float]:
     """Change of all cameras with the focal length of one, and the standard deviation of that."""
     held = problem.unknowns
     free = problem.with_unknowns(Unknowns.of(held.n_cameras, held.poses, ((camera,),), clocks=held.clocks))
-    step = free.equations(adjusted).solve(-free.gradient(adjusted))[: free.unknowns.n_shared]
-    sigma = np.sqrt(free.covariance(adjusted)[camera, FOCAL, camera, FOCAL])
+    equations = free.equations(adjusted, reduced=reduced)
+    step = equations.solve(-free.gradient(adjusted, terms))[: free.unknowns.n_shared]
+    of_focal = free.unknowns.columns[N_OF_CAMERA * camera + FOCAL]
+    sigma = np.sqrt(of_focal @ equations.covariance() @ of_focal)
     return free.unknowns.of_cameras(step), float(sigma)

@@ -1,18 +1,20 @@
 """A first rig: two cameras by their relative pose, the others by what the two see, for every pair; the best one counts.
 
 The error of the essential matrix of a pair does not show whether it is twisted. A third camera does: joints that were
-triangulated with a wrong pose fit no pose of it. So every pair is tried, and the rig whose worst camera fits best wins.
+triangulated with a wrong pose fit no pose of it. So every pair is tried, in large
+rigs many of them, and the rig whose worst camera fits best wins.
 Two cameras have no third: there the views' 3D tells, or else that bones do not change their length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fgpose.assessment.rigs import angle_deg
 from fgpose.calibration.from_people.body_size import INLIER_SHARE
@@ -30,8 +32,10 @@ from fgpose.calibration.from_people.rig.unit import unit_of
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.sampling import spread_evenly
 
 _MAX_FRAMES = 150  # five seconds a frame in a walk of minutes: twice as many change no choice on the tuning scenes
+_MAX_PAIRS = 66  # all of 12 cameras; bounds the time, which grows with pairs times what all cameras triangulate
 # Errors of a network are 20 to 40 mm, and a body has a radius (RMS) of about 0.45 m.
 _TOLERANCE_SHARE = 0.05
 _REFEREE_DEG = 30.0  # a pose that is further from the views' 3D is twisted; the 3D itself is 5 to 15 degrees off
@@ -82,16 +86,14 @@ def scaffolds(walk: Walk, intrinsics: CameraRig, seed: int = 0) -> list[Scaffold
     """
     if intrinsics.n_cameras < 2:
         raise ValueError("cameras are calibrated relative to each other: at least two are needed")
-    views = _Views.of(walk, intrinsics)
-    grown = [
-        made
-        for first, second, relative in views.pairs(np.random.default_rng(seed))
-        if (made := views.grown(first, second, relative)) is not None
-    ]
+    views, rng = _Views.of(walk, intrinsics), np.random.default_rng(seed)
+    grown = views.all_grown(views.begun_with, rng) or views.all_grown(views.other_pairs, rng)
     if not grown:
         raise ValueError(f"the cameras cannot be placed: {views.least_shared()}")
     ranked = sorted(grown, key=lambda made: made.score)
-    return [replace(made, rival_deg=_rival_deg(made, ranked)) for made in ranked]
+    as_good = sum(made.score <= _RIVALS * ranked[0].score for made in ranked)
+    rivals_deg = largest_differences_deg([made.rig for made in ranked], [made.rig for made in ranked[:as_good]])
+    return [replace(made, rival_deg=rival_deg) for made, rival_deg in zip(ranked, rivals_deg.tolist(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +116,35 @@ class _Views:
             used, intrinsics, evidence, float(np.nanmedian(radii_px)), {pair: _referee(used, *pair) for pair in pairs}
         )
 
-    def pairs(self, rng: np.random.Generator) -> Iterator[tuple[int, int, RelativePose]]:
-        """Every relative pose that the views' 3D does not rule out."""
-        for (a, b), referee in self.referees.items():
+    @cached_property
+    def shared(self) -> Int[np.ndarray, "camera camera"]:
+        """How many joints two cameras see at the same time."""
+        seen = (self.evidence.sightings.weights > 0).astype(int)
+        return np.einsum("tcj,tdj->cd", seen, seen, optimize=True)
+
+    @property
+    def begun_with(self) -> list[tuple[int, int]]:
+        """Pairs of cameras that see enough together; of a large rig _MAX_PAIRS of them, spread evenly."""
+        pairs = [pair for pair in self.referees if self.shared[pair] >= LEAST_POINTS]
+        return [pairs[n] for n in spread_evenly(len(pairs), _MAX_PAIRS)] if pairs else []
+
+    @property
+    def other_pairs(self) -> list[tuple[int, int]]:
+        """For rigs that none of the former tell."""
+        begun_with = set(self.begun_with)
+        return [pair for pair in self.referees if pair not in begun_with]
+
+    def all_grown(self, pairs: Sequence[tuple[int, int]], rng: np.random.Generator) -> list[Scaffold]:
+        """From every relative pose of these pairs."""
+        made = (self.grown(*begun) for begun in self.relative_poses(pairs, rng))
+        return [each for each in made if each is not None]
+
+    def relative_poses(
+        self, pairs: Sequence[tuple[int, int]], rng: np.random.Generator
+    ) -> Iterator[tuple[int, int, RelativePose]]:
+        """All that the views' 3D does not rule out."""
+        for a, b in pairs:
+            referee = self.referees[a, b]
             found = relative_poses(self._at_unit(a), self._at_unit(b), self._tolerance(a, b), referee, rng)
             agreeing = [relative for relative in found if not relative.cross_check_deg > _REFEREE_DEG]
             for relative in agreeing or found:
@@ -152,9 +180,7 @@ class _Views:
         """Which cameras see nobody together with the others, in words; or, if all do, that no poses explain it."""
         from scipy.sparse.csgraph import connected_components
 
-        seen = (self.evidence.sightings.weights > 0).astype(int)
-        shared = np.einsum("tcj,tdj->cd", seen, seen)
-        n_groups, group_of = connected_components(shared >= LEAST_POINTS, directed=False)
+        n_groups, group_of = connected_components(self.shared >= LEAST_POINTS, directed=False)
         if n_groups == 1:
             return (
                 "no poses of the cameras explain what they saw; walk through the whole view of each, in several "
@@ -247,13 +273,23 @@ def _relative_rotation(rig: CameraRig, a: int, b: int) -> Float[np.ndarray, "3 3
     return rig.cameras[a].world_T_camera[:3, :3].T @ rig.cameras[b].world_T_camera[:3, :3]
 
 
-def rotation_differences_deg(one: CameraRig, other: CameraRig) -> Float[np.ndarray, " pair"]:
-    """Angles between the relative rotations of each two cameras."""
-    pairs = combinations(range(one.n_cameras), 2)
-    return np.array([angle_deg(_relative_rotation(one, a, b), _relative_rotation(other, a, b)) for a, b in pairs])
+def largest_differences_deg(rigs: list[CameraRig], others: list[CameraRig]) -> Float[np.ndarray, " rig"]:
+    """Largest angle between the relative rotation of two cameras in each rig and that in any of the others."""
+    own = relative_quaternions(rigs)
+    return np.max([angles_deg(own, other).max(axis=1) for other in relative_quaternions(others)], axis=0)
 
 
-def _rival_deg(made: Scaffold, ranked: list[Scaffold]) -> float:
-    """Largest difference from a scaffold that is about as good as the best one."""
-    as_good = [other for other in ranked if other.score <= _RIVALS * ranked[0].score]
-    return max(float(rotation_differences_deg(made.rig, other.rig).max()) for other in as_good)
+def relative_quaternions(rigs: list[CameraRig]) -> Float[np.ndarray, "rig pair 4"]:
+    """Of the rotation between each two cameras."""
+    from scipy.spatial.transform import Rotation
+
+    turned = np.array([[camera.world_T_camera[:3, :3] for camera in rig.cameras] for rig in rigs])
+    first, second = np.triu_indices(turned.shape[1], k=1)
+    relative = turned[:, first].swapaxes(-1, -2) @ turned[:, second]
+    return Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat().reshape(*relative.shape[:2], 4)
+
+
+def angles_deg(one: Float[np.ndarray, "*#of 4"], other: Float[np.ndarray, "*#of 4"]) -> Float[np.ndarray, "*of"]:
+    """Between rotations; exact for small angles, unlike the arccosine of the product."""
+    apart, opposite = np.linalg.norm(one - other, axis=-1), np.linalg.norm(one + other, axis=-1)
+    return np.rad2deg(4 * np.arctan2(np.minimum(apart, opposite), np.maximum(apart, opposite)))

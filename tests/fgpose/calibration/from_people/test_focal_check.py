@@ -9,6 +9,7 @@ import pytest
 from test_walk_adjustment import MORE, RIG, started
 from walks import walk
 
+from fgpose.calibration.adjustment.unknowns import FOCAL, Unknowns
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck, check_focal
 from fgpose.calibration.from_people.rig.walk_adjustment import adjust
 from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, disagreement
@@ -28,6 +29,18 @@ def with_focal(camera: Camera, ratio: float) -> Camera:
     K = camera.K.copy()
     K[[0, 1], [0, 1]] *= ratio
     return replace(camera, K=K)
+
+
+def test_each_focal_length_is_as_in_a_problem_of_its_own() -> None:
+    """Joints are eliminated once for all of them."""
+    problem = adjust(walk(RIG, 40, DetectionNoise()), started(RIG, 1.0), config=MORE)
+    held, state = problem.problem.unknowns, problem.state
+    check = check_focal(problem.problem, state)
+    for c in range(RIG.n_cameras):
+        free = problem.problem.with_unknowns(Unknowns.of(RIG.n_cameras, held.poses, ((c,),), clocks=held.clocks))
+        step = free.equations(state).solve(-free.gradient(state))[: free.unknowns.n_shared]
+        assert check.change[c] == pytest.approx(free.unknowns.of_cameras(step)[c, FOCAL], rel=1e-9)
+        assert check.sigma[c] == pytest.approx(np.sqrt(free.covariance(state)[c, FOCAL, c, FOCAL]), rel=1e-9)
 
 
 @pytest.mark.slow

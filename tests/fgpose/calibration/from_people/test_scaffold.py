@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
+import gtsam
 import numpy as np
 import pytest
 from walks import SKELETON, bare, position_errors_m, rotation_errors_deg, walk
 
+from fgpose.assessment.rigs import rotation_errors_deg as errors_of_pairs_deg
+from fgpose.calibration.from_people.rig import scaffold as module
 from fgpose.calibration.from_people.rig.evidence import body_joints
-from fgpose.calibration.from_people.rig.scaffold import Scaffold, scaffold, scaffolds
+from fgpose.calibration.from_people.rig.scaffold import Scaffold, largest_differences_deg, scaffold, scaffolds
+from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import DetectionNoise, ring_rig
 
 RIG = ring_rig(3)
@@ -84,3 +89,34 @@ def test_one_camera_is_not_enough() -> None:
 
     with pytest.raises(ValueError, match="at least two are needed"):
         scaffolds(walk(alone, 20), bare(alone))
+
+
+def turned(rig: CameraRig, sigma_rad: float, seed: int) -> CameraRig:
+    rng, cameras = np.random.default_rng(seed), []
+    for camera in rig.cameras:
+        pose = camera.world_T_camera.copy()
+        pose[:3, :3] = pose[:3, :3] @ gtsam.Rot3.Expmap(rng.normal(0, sigma_rad, 3)).matrix()
+        cameras.append(replace(camera, world_T_camera=pose))
+    return CameraRig(tuple(cameras))
+
+
+@pytest.mark.parametrize("sigma_rad", [1e-7, 0.05, 2.0])
+def test_differences_of_all_rigs_at_once_are_those_of_each_two(sigma_rad: float) -> None:
+    rigs = [turned(ring_rig(5), sigma_rad, seed) for seed in range(4)]
+    each = [max(errors_of_pairs_deg(rig, other).max() for other in rigs[:2]) for rig in rigs]
+    # Rotations are known to 1e-16; an arccosine would know small angles to 1e-8.
+    np.testing.assert_allclose(largest_differences_deg(rigs, rigs[:2]), each, rtol=1e-6, atol=1e-12)
+
+
+def test_a_large_rig_begins_with_some_pairs_of_all_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[tuple[int, int]] = []
+    monkeypatch.setattr(module._Views, "grown", lambda _, first, second, __: begun.append((first, second)))
+    monkeypatch.setattr(module, "relative_poses", lambda *_: [module.RelativePose(np.eye(4), 0.0, 1.0, np.nan)])
+    rig = ring_rig(14)
+    views = module._Views.of(walk(rig, 20), bare(rig))
+
+    views.all_grown(views.begun_with, np.random.default_rng(0))
+    assert len(begun) == 66
+    assert {camera for pair in begun for camera in pair} == set(range(14))
+    views.all_grown(views.other_pairs, np.random.default_rng(0))
+    assert sorted(begun) == list(combinations(range(14), 2))
