@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.triangulation import triangulate_without_each
 
 # Fewer errors than this have no median worth comparing.
 _MIN_ERRORS = 20
@@ -47,15 +47,7 @@ def compare_with_others(
     Args:
         inlier_px: see CameraRig.in_own_px.
     """
-    views = []
-    for c, camera in enumerate(rig.cameras):
-        others = [other for other in range(rig.n_cameras) if other != c]
-        expected_px = np.full_like(undistorted_px[:, c], np.nan)
-        if len(others) >= 2:
-            rest = rig.subset(rig.names[other] for other in others)
-            triangulation = triangulate_robust(
-                undistorted_px[:, others], confidence[:, others], rest, rest.in_own_px(inlier_px)
-            )
-            expected_px = camera.project(triangulation.positions_m)
-        views.append(HeldOutView(undistorted_px[:, c], expected_px))
-    return tuple(views)
+    expected_m = triangulate_without_each(undistorted_px, confidence, rig, rig.in_own_px(inlier_px))
+    return tuple(
+        HeldOutView(undistorted_px[:, c], camera.project(expected_m[c])) for c, camera in enumerate(rig.cameras)
+    )

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.vectors import norm
-from fgpose.sampling import spread_evenly
+from fgpose.sampling import parts_of, spread_evenly
 
 # Below this angle between all rays the depth of a point is not determined: 1 degree at 4 m and 5 px / 1145 px of
 # detection error leaves a metre of depth error.
@@ -24,6 +24,7 @@ At 1 m that angle is 17 mm."""
 _NEAR_M = 3.0  # from here on the angle alone counts: it is 52 mm
 _NEAREST_M = 0.5  # nobody is whole in the image of a camera so near: rays that meet there do so by chance
 _MAX_PAIRS = 66  # all pairs of 12 views; bounds time and memory, which grow with pairs times views
+_MAX_SHARED_PAIRS = 78  # of 13 views, of which 66 remain without one of them
 _PROPOSALS_AT_ONCE = 12_000  # of four views they take about 12 MB
 _FARTHEST_PX = 1e30  # of sixth powers, as in a determinant, double precision has no more
 
@@ -128,6 +129,46 @@ def triangulate_robust(
     return agreed
 
 
+def triangulate_without_each(
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    confidence: Float[np.ndarray, "frame camera joint"],
+    rig: CameraRig,
+    inlier_px: Float[np.ndarray, "camera 1"],
+) -> Float[np.ndarray, "camera frame joint 3"]:
+    """triangulate_robust of all views but one, for each of them: what a pair proposes serves all the others.
+
+    The same to rounding for up to 13 views; of more, other pairs propose.
+    """
+    points_px, weights = undistorted_px.swapaxes(-3, -2), confidence.swapaxes(-2, -1)
+    inlier_px = np.broadcast_to(inlier_px, confidence.shape).swapaxes(-2, -1)
+    pairs = _pairs(rig.n_cameras, _MAX_SHARED_PAIRS)
+    found_m = np.full((rig.n_cameras, *weights.shape[:-1], 3), np.nan)
+    if rig.n_cameras < 3:
+        return found_m
+    at_once = max(1, _PROPOSALS_AT_ONCE // max(1, weights.shape[1] * len(pairs)))
+    for part in parts_of(len(weights), at_once):
+        found_m[:, part] = _without_each(points_px[part], weights[part], rig, inlier_px[part], pairs)
+    return found_m
+
+
+def _without_each(
+    points_px: Float[np.ndarray, "*points camera 2"],
+    weights: Float[np.ndarray, "*points camera"],
+    rig: CameraRig,
+    inlier_px: Float[np.ndarray, "*points camera"],
+    pairs: Int[np.ndarray, "pair 2"],
+) -> Float[np.ndarray, "camera *points 3"]:
+    proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
+    support, inliers = _support(proposals_m, points_px, weights, rig, inlier_px, 0.0)
+    scores, found_m = np.sum(support, axis=-1), np.full((rig.n_cameras, *weights.shape[:-1], 3), np.nan)
+    for c in range(rig.n_cameras):
+        others = np.flatnonzero((pairs != c).all(axis=-1))
+        best = others[np.argmax(scores[..., others] - support[..., others, c], axis=-1)]
+        among_others = _at_pair(inliers, best) & (np.arange(rig.n_cameras) != c)
+        found_m[c] = _of_inliers(among_others, points_px, weights, rig).positions_m
+    return found_m
+
+
 def _agreed(
     points_px: Float[np.ndarray, "*points camera 2"],
     weights: Float[np.ndarray, "*points camera"],
@@ -158,9 +199,23 @@ def _of_best_pair(
     usual_from_m: float,
 ) -> Triangulation:
     proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
-    scores, inliers = _score(proposals_m, points_px, weights, rig, inlier_px, usual_from_m)
-    best = np.argmax(scores, axis=-1)
-    inliers = np.take_along_axis(inliers, best[..., None, None], axis=-2)[..., 0, :]
+    support, inliers = _support(proposals_m, points_px, weights, rig, inlier_px, usual_from_m)
+    best = np.argmax(np.sum(support, axis=-1), axis=-1)
+    return _of_inliers(_at_pair(inliers, best), points_px, weights, rig)
+
+
+def _at_pair(
+    inliers: Bool[np.ndarray, "*points pair camera"], best: Int[np.ndarray, "*points"]
+) -> Bool[np.ndarray, "*points camera"]:
+    return np.take_along_axis(inliers, best[..., None, None], axis=-2)[..., 0, :]
+
+
+def _of_inliers(
+    inliers: Bool[np.ndarray, "*points camera"],
+    points_px: Float[np.ndarray, "*points camera 2"],
+    weights: Float[np.ndarray, "*points camera"],
+    rig: CameraRig,
+) -> Triangulation:
     positions_m = triangulate(points_px, np.where(inliers, weights, 0.0), rig.projection_matrices)
     determined = inliers.sum(axis=-1) >= 2
     determined &= parallax_rad(positions_m, inliers, rig) >= _MIN_PARALLAX_RAD
@@ -168,21 +223,22 @@ def _of_best_pair(
 
 
 @cache
-def _pairs(n_cameras: int) -> Int[np.ndarray, "pair 2"]:
-    """All pairs of views; of a large rig _MAX_PAIRS of them, spread evenly."""
+def _pairs(n_cameras: int, at_most: int = _MAX_PAIRS) -> Int[np.ndarray, "pair 2"]:
+    """All pairs of views; of a large rig so many of them, spread evenly."""
     pairs = np.array(list(combinations(range(n_cameras), 2)), dtype=int).reshape(-1, 2)
-    return pairs[spread_evenly(len(pairs), _MAX_PAIRS)] if len(pairs) else pairs
+    return pairs[spread_evenly(len(pairs), at_most)] if len(pairs) else pairs
 
 
-def _score(
+def _support(
     proposals_m: Float[np.ndarray, "*points pair 3"],
     points_px: Float[np.ndarray, "*points camera 2"],
     weights: Float[np.ndarray, "*points camera"],
     rig: CameraRig,
     inlier_px: Float[np.ndarray, "*points camera"],
     usual_from_m: float,
-) -> tuple[Float[np.ndarray, "*points pair"], Bool[np.ndarray, "*points pair camera"]]:
-    """MSAC score and inlier views of the point that each pair of views proposes."""
+) -> tuple[Float[np.ndarray, "*points pair camera"], Bool[np.ndarray, "*points pair camera"]]:
+    """What each view adds to the MSAC score of the point that each pair of views proposes, and whether it is an
+    inlier."""
     # Coordinate by coordinate: with the coordinates inside, numpy takes several times as long.
     x, y, depth_m = (proposals_m @ row[:, :3].T + row[:, 3] for row in rig.projection_matrices.swapaxes(0, 1))
     depth_m[~(depth_m > 0)] = np.nan
@@ -193,8 +249,7 @@ def _score(
     x, y = x / depth_m - points_px[..., None, :, 0], y / depth_m - points_px[..., None, :, 1]
     error = (x**2 + y**2) / threshold_px**2
     inliers = (error < 1.0) & (weights > 0)[..., None, :]
-    score = np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0)
-    return score.sum(axis=-1), inliers
+    return np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0), inliers
 
 
 def parallax_rad(

@@ -13,6 +13,7 @@ from fgpose.geometry.triangulation import (
     _pairs,
     triangulate,
     triangulate_robust,
+    triangulate_without_each,
 )
 from fgpose_benchmarks.synthetic import ring_rig
 
@@ -314,3 +315,26 @@ def test_views_that_agree_near_to_the_cameras_are_not_joined_by_one_that_does_no
     with_length = triangulate_robust(undistorted_px, confidence, near, usual_from_m=USUAL_FROM_M)
     np.testing.assert_array_equal(with_length.inliers, found.inliers)
     np.testing.assert_array_equal(with_length.positions_m, found.positions_m)
+
+
+def test_without_each_view_is_as_of_the_others_alone(rng, truth_m):
+    rig = ring_rig(5)
+    points_px = seen(truth_m, rig) + rng.normal(0, 5.0, (50, 5, 2))
+    points_px[rng.random((50, 5)) < 0.15] += 300.0
+    points_px[rng.random((50, 5)) < 0.15] = NAN
+    undistorted_px, confidence = np.moveaxis(points_px, 1, 0)[None], rng.uniform(0.2, 1.0, (1, 5, 50))
+    inlier_px = rig.in_own_px(14.0)
+
+    found_m = triangulate_without_each(undistorted_px, confidence, rig, inlier_px)
+    for c in range(5):
+        rest = [other for other in range(5) if other != c]
+        of_rest = rig.subset([rig.names[other] for other in rest])
+        alone = triangulate_robust(undistorted_px[:, rest], confidence[:, rest], of_rest, inlier_px[rest])
+        np.testing.assert_allclose(found_m[c], alone.positions_m, rtol=0, atol=1e-9)  # the same to rounding
+    assert np.isfinite(found_m).all(axis=-1).mean() > 0.5
+
+
+def test_without_one_of_two_views_there_is_nothing(truth_m):
+    rig = ring_rig(2)
+    undistorted_px = np.moveaxis(seen(truth_m, rig), 1, 0)[None]
+    assert np.isnan(triangulate_without_each(undistorted_px, np.ones((1, 2, 50)), rig, rig.in_own_px(14.0))).all()
