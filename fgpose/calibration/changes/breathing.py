@@ -77,7 +77,7 @@ def breathing_lenses(compared: Comparison) -> tuple[Breathing, ...]:
     """
     if compared.blocks.n_blocks < 2 * MIN_BLOCKS:
         return ()
-    scale = compared.costs().scale
+    scale = compared.scale()
     zoom, turn = (_system(compared, way, scale) for way in _Way)
     turns = dict.fromkeys(range(compared.rig.n_cameras), 0.0)
     found: list[Breathing] = []

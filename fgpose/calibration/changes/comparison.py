@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from fgpose.calibration.changes.change import Change
 from fgpose.calibration.changes.lag_costs import Blocks, LagCosts, blocks_of, lag_costs
@@ -27,6 +27,8 @@ class Comparison:
     changes: tuple[Change, ...]
     rays: Rays
     blocks: Blocks
+    _scale: dict[tuple[int, int], float] = field(default_factory=dict, repr=False)
+    """Kept of the costs, which are large."""
 
     @staticmethod
     def of(people: Sequence[Observations], rig: CameraRig, step_s: float, changes: Sequence[Change] = ()) -> Comparison:
@@ -36,11 +38,18 @@ class Comparison:
     def beside(self, *more: Change) -> Comparison:
         """The same times on top of more changes."""
         changes = (*self.changes, *more)
-        return replace(self, changes=changes, rays=_rays_of(self.people, self.rig, changes))
+        return replace(self, changes=changes, rays=_rays_of(self.people, self.rig, changes), _scale={})
 
     def costs(self, of_camera: int | None = None) -> LagCosts:
         """Of all pairs of cameras, or of those of one."""
-        return lag_costs(self.rays, self.blocks, _n_lags(self.rays.step_s), of_camera)
+        found = lag_costs(self.rays, self.blocks, _n_lags(self.rays.step_s), of_camera)
+        self._scale.update(found.scale)
+        return found
+
+    def scale(self) -> dict[tuple[int, int], float]:
+        """LagCosts.scale of all pairs."""
+        n_pairs = self.rig.n_cameras * (self.rig.n_cameras - 1) // 2
+        return self._scale if len(self._scale) == n_pairs else self.costs().scale
 
 
 def _rays_of(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> Rays:

@@ -78,14 +78,15 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     compared = rig.n_cameras >= 2 and bool(step_s < _LONGEST_STEP_S) and _compared(people)
     if not compared:
         return Changes((), step_s, duration_s, compared)
-    changes, lenses = _one_by_one(people, rig, step_s)
+    changes, lenses, beside_all = _one_by_one(people, rig, step_s)
     poses, clocks = _by_cause(changes)
     seen_through = _with_lenses(rig, lenses)
-    beside_poses = Comparison.of(people, seen_through, step_s, poses)
+    beside_poses = Comparison.of(people, seen_through, step_s, poses) if clocks else beside_all
+    del beside_all  # of an hour it takes 0.15 GB
     jumps = lost_images(beside_poses, clocks)
     if jumps:
         # Clocks that jump again and again look like moved cameras and other lenses: these are looked for beside them.
-        changes, lenses = _one_by_one(people, rig, step_s, jumps)
+        changes, lenses, _ = _one_by_one(people, rig, step_s, jumps)
         poses, seen_through = _by_cause(changes)[0], _with_lenses(rig, lenses)
         changes = [*(lost_images(Comparison.of(people, seen_through, step_s, poses), clocks) or jumps), *poses]
     with_all = Comparison.of(people, seen_through, step_s, changes) if jumps or clocks else beside_poses
@@ -96,20 +97,24 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
 
 def _one_by_one(
     people: Sequence[Observations], rig: CameraRig, step_s: float, clocks: Sequence[Change] = ()
-) -> tuple[list[Change], list[LensFit]]:
-    """One change after the other, the clearest first; beside clocks that are known, of poses and lenses only."""
+) -> tuple[list[Change], list[LensFit], Comparison]:
+    """One change after the other, the clearest first; beside clocks that are known, of poses and lenses only. And what
+    cameras saw beside all of them."""
     groups: list[list[Change]] = []
     lenses: list[LensFit] = []
+    compared = Comparison.of(people, rig, step_s, clocks)
     for _ in range(_MAX_CHANGES):
-        found = _next(Comparison.of(people, rig, step_s, [*clocks, *_of_all(groups)]), clocks=not clocks)
+        found = _next(compared, clocks=not clocks)
         if not found:
             break
+        del compared  # before the next is made
         if isinstance(found, LensFit):
             lenses.append(found)
             rig = with_lens(rig, found)
         else:
             groups = _settled(people, rig, [*groups, found], step_s, clocks)
-    return _of_all(groups), lenses
+        compared = Comparison.of(people, rig, step_s, [*clocks, *_of_all(groups)])
+    return _of_all(groups), lenses, compared
 
 
 def _by_cause(changes: Sequence[Change]) -> tuple[list[Change], list[Change]]:

@@ -144,6 +144,20 @@ class _Pair:
     scale: float
     squared_pixel: Float[np.ndarray, "sample joint"]
     """With the lenses of the calibration."""
+    cost: Float[np.ndarray, " sample"]
+    """With these lenses: another one of other cameras does not change it."""
+
+    @staticmethod
+    def of(rays: Rays, costs: LagCosts, seen: list[_Seen], a: int, b: int) -> _Pair:
+        index, views = costs.blocks.index, (seen[a].view, seen[b].view)
+        baseline_m = (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32)
+        weight = independent(costs.blocks) * np.minimum(rays.weight[a, index], rays.weight[b, index])
+        of_pixel = squared_pixel(*views, baseline_m)
+        pair = _Pair((a, b), baseline_m, weight, costs.scale[a, b], of_pixel, np.zeros(len(index)))
+        return replace(pair, cost=pair.cost_of(*views))
+
+    def cost_of(self, one: _View, other: _View) -> Float[np.ndarray, " sample"]:
+        return weighted(self.angles(one, other), self.weight).sum(axis=1)
 
     def angles(self, one: _View, other: _View) -> Float[np.ndarray, "sample joint"]:
         """Whitened. The longer a focal length is, the smaller is the angle of a pixel, in which detections err."""
@@ -232,16 +246,11 @@ def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig) -> list[LensFit]:
     (somebody_walks)."""
     if costs.blocks.n_blocks < 2 * MIN_BLOCKS:
         return []
-    index, share = costs.blocks.index, independent(costs.blocks)
+    index = costs.blocks.index
     seen = [
         _Seen(camera, rays.direction[c, index], rays.world_R_camera[c, index]) for c, camera in enumerate(rig.cameras)
     ]
-    pairs = []
-    for a, b in costs.pairs:
-        baseline_m = (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32)
-        weight = share * np.minimum(rays.weight[a, index], rays.weight[b, index])
-        of_pixel = squared_pixel(seen[a].view, seen[b].view, baseline_m)
-        pairs.append(_Pair((a, b), baseline_m, weight, costs.scale[a, b], of_pixel))
+    pairs = [_Pair.of(rays, costs, seen, a, b) for a, b in costs.pairs]
     everybody = tuple(range(rays.n_cameras))
     found = []
     for lens in Lens:
@@ -305,7 +314,8 @@ def _cost(
     views = [own.through(lens, value) if c in group else own.view for c, own in enumerate(seen)]
     per_sample = np.zeros(len(costs.blocks.index))
     for pair in pairs:
-        per_sample += weighted(pair.angles(*(views[c] for c in pair.cameras)), pair.weight).sum(axis=1)
+        with_others = not set(group).isdisjoint(pair.cameras)
+        per_sample += pair.cost_of(*(views[c] for c in pair.cameras)) if with_others else pair.cost
     return np.bincount(costs.blocks.block, per_sample, minlength=costs.blocks.n_blocks)
 
 

@@ -89,7 +89,7 @@ def _move(change: Change, fit: PoseFit, compared: Comparison) -> Change:
         if np.linalg.norm(fit.rotation) < _SETTLED and np.linalg.norm(fit.translation_m) < _SETTLED_M:
             break
         moved = compared.beside(change)
-        fit = pose_fit(moved.rays, moved.costs(), c, fit.kind, fit.held)
+        fit = pose_fit(moved.rays, moved.costs(c), c, fit.kind, fit.held)
     return change
 
 
