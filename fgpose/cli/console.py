@@ -9,7 +9,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -100,10 +100,12 @@ def _plain(text: RenderableType) -> RenderableType:
 
 class ProgressLines:
     """In place of what cannot move: a line every half minute; where something is counted (has a unit) also one at the
-    beginning and one at the end. They come from a thread: what is waited for may be one long step."""
+    beginning and one at the end, unless it is quiet, and ends before the first half minute. They come from a thread:
+    what is waited for may be one long step."""
 
-    def __init__(self, console: Console, task: str, unit: str = "") -> None:
+    def __init__(self, console: Console, task: str, unit: str = "", *, quiet: bool = False) -> None:
         self.task = task
+        self._quiet = quiet
         self._console, self._unit = console, unit
         self._begin_s = time.monotonic()
         self._first: tuple[int, float] | None = None
@@ -112,7 +114,7 @@ class ProgressLines:
         self._thread = threading.Thread(target=self._go_on, name="fgpose-lines", daemon=True)
 
     def start(self) -> None:
-        if self._unit:
+        if self._unit and not self._quiet:
             self._print(self.task)
         self._thread.start()
 
@@ -126,7 +128,7 @@ class ProgressLines:
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join()
-        if self._now is not None:
+        if self._now is not None and not self._quiet:
             self._print(self._line("in "))
 
     def __enter__(self) -> ProgressLines:
@@ -138,6 +140,7 @@ class ProgressLines:
 
     def _go_on(self) -> None:
         while not self._ended.wait(_LINE_EVERY_S):
+            self._quiet = False
             self._print(self._line("after "))
 
     def _line(self, word: str) -> str:
@@ -167,12 +170,18 @@ def new_console(*, stderr: bool = False) -> PlainConsole:
     return PlainConsole(stderr=stderr)
 
 
+def quiet_progress(task: str) -> AbstractContextManager[Callable[[int, int], None]]:
+    """Of what is usually done in seconds: nothing is left of it on a terminal, and elsewhere nothing is printed unless
+    it takes longer."""
+    return progress_bar(task, "steps", quiet=True)
+
+
 @contextmanager
-def progress_bar(task: str, unit: str = "frames") -> Iterator[Callable[[int, int], None]]:
+def progress_bar(task: str, unit: str = "frames", *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on stderr, so that what is printed can be piped; lines now and then where it cannot move."""
     console = new_console(stderr=True)
     if not console.moves:
-        with ProgressLines(console, task, unit) as lines:
+        with ProgressLines(console, task, unit, quiet=quiet) as lines:
             yield lines.told
         return
     columns = (
@@ -183,7 +192,7 @@ def progress_bar(task: str, unit: str = "frames") -> Iterator[Callable[[int, int
         TimeRemainingColumn(elapsed_when_finished=True),
     )
     # A window of the smoother may take longer than the half minute from which the time left is estimated by default.
-    with Progress(*columns, console=console, speed_estimate_period=600.0) as bar:
+    with Progress(*columns, console=console, speed_estimate_period=600.0, transient=quiet) as bar:
         number = bar.add_task(task, total=None)
         yield lambda done, total: bar.update(number, completed=done, total=total)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fgpose.cli.console import new_console, progress_bar
+from fgpose.cli.console import new_console, progress_bar, quiet_progress
 from fgpose.cli.tables import print_result
 from fgpose.cli.viewers import wait_for_viewers
 from fgpose.finding import Code, Severity
@@ -57,8 +57,8 @@ def look_at(console: Console, people: PeopleObservations, rig: CameraRig) -> Non
     """Print what is probably wrong with a recording from which this rig was calibrated or synchronised."""
     from fgpose.association.common_clock import on_common_clock
 
-    with new_console(stderr=True).status("looking for what may be wrong"):
-        diagnosis = looked_at(*on_common_clock(people.subset(rig.names), rig))
+    with quiet_progress("looking for what may be wrong") as progress:
+        diagnosis = looked_at(*on_common_clock(people.subset(rig.names), rig), progress=progress)
     console.print("The recording with this calibration:")
     print_findings(console, diagnosis)
 
@@ -148,8 +148,8 @@ def deliver(
         OutputError: a file could not be written; the others were, and the result has been summed up.
     """
     summary = summary or (lambda result, written: print_result(new_console(), result, written))
-    with new_console(stderr=True).status("looking for what may be wrong"):
-        result = diagnosed(result, outputs.world_up)
+    with quiet_progress("looking for what may be wrong") as progress:
+        result = diagnosed(result, outputs.world_up, progress)
     try:
         written = write_outputs(result, outputs, viewer, display)
     except OutputError as error:

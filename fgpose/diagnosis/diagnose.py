@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from fgpose.association.chosen_person import main_person
 from fgpose.association.common_clock import single_images_together
-from fgpose.association.recording import Association, associate
+from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
 from fgpose.diagnosis.body.hands import exchanged_hands
 from fgpose.diagnosis.body.sides import mirrored_body
@@ -53,6 +53,7 @@ from fgpose.diagnosis.seen.presence import blind, identity_switches, never_seen,
 from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.diagnosis.seen.things import Things
 from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, other_bones, outside
+from fgpose.diagnosis.steps import Steps
 from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
 from fgpose.finding import Code, Finding, Severity
 from fgpose.freed_memory import hand_back
@@ -166,6 +167,7 @@ def diagnose(
     config: Config | None = None,
     world_up: UpChoice | WorldUp = "auto",
     with_unfollowed: Observations | None = None,
+    progress: Progress | None = None,
 ) -> Diagnosis:
     """Look at the whole of a recording, at its rig and, if there is one, at its result.
 
@@ -177,6 +179,7 @@ def diagnose(
         world_up: which axis of the world is said to point up; auto: as body and cameras stand.
         with_unfollowed: of one person who was chosen among several, the recording with whom cameras show in which
             nobody is followed (Source.with_unfollowed); None: there is no such camera.
+        progress: told how many of how many steps are done; more are to be done where something is found.
 
     Raises:
         TypeError: the rig is none.
@@ -195,7 +198,7 @@ def diagnose(
     events = recording.events if isinstance(recording, Association) else ()
     finished = replace(_standing(people, rig, world_up), events=events) if people else None
     examined = Examined.of(recording, rig, config, finished, world_up)
-    return _diagnosed(replace(examined, with_unfollowed=with_unfollowed))
+    return _diagnosed(replace(examined, with_unfollowed=with_unfollowed, steps=Steps(progress)))
 
 
 def _after(finding: Finding, estimated: Collection[str]) -> Finding:
@@ -218,12 +221,16 @@ def _standing(people: Mapping[int, Trajectory], rig: CameraRig, world_up: UpChoi
     return FinishedRecording("", turned, rig.turned(up_R_world))
 
 
-def diagnose_finished(recording: FinishedRecording) -> Diagnosis:
+def diagnose_finished(recording: FinishedRecording, progress: Progress | None = None) -> Diagnosis:
     """The same of a finished recording: of what the cameras saw too, where that is known, else of the result alone."""
+    steps = Steps(progress)
     if recording.rig is None or not recording.observations:
-        diagnosis = Diagnosis(most_important([*recording.known_findings, *_of_result(recording)]), ("result",), {})
+        steps.expect(len(RESULT_CHECKS))
+        diagnosis = Diagnosis(
+            most_important([*recording.known_findings, *_of_result(recording, steps)]), ("result",), {}
+        )
     else:
-        diagnosis = _diagnosed(Examined(recording.rig, recording.observations, result=recording))
+        diagnosis = _diagnosed(Examined(recording.rig, recording.observations, result=recording, steps=steps))
     return diagnosis.after(recording.estimated)
 
 
@@ -235,6 +242,7 @@ def _diagnosed(examined: Examined) -> Diagnosis:
     things = Things.among(examined)
     found, examined = [*found, *things.findings(examined)], things.as_missing(examined)
     not_judged: dict[str, str] = {}
+    examined.steps.expect(sum(map(len, INPUT_CHECKS.values())) + len(RESULT_CHECKS) * (examined.result is not None))
     for what, checks in INPUT_CHECKS.items():
         for check in checks:
             try:
@@ -242,18 +250,20 @@ def _diagnosed(examined: Examined) -> Diagnosis:
             except NotJudgedError as reason:
                 not_judged.setdefault(what, str(reason))
             hand_back()
+            examined.steps.one()
     judged = tuple(what for what in INPUT_CHECKS if what not in not_judged)
     if examined.result is not None:
         # Which images there are, and so how much of them a camera shows, the result does not tell.
-        of_result = [each for each in _of_result(examined.result) if each.code is not Code.BLIND_CAMERA]
+        of_result = [each for each in _of_result(examined.result, examined.steps) if each.code is not Code.BLIND_CAMERA]
         found += [*of_result, *examined.result.known_findings]
         judged = (*judged, "result")
     return Diagnosis(most_important(found), judged, not_judged)
 
 
-def _of_result(result: FinishedRecording) -> list[Finding]:
+def _of_result(result: FinishedRecording, steps: Steps) -> list[Finding]:
     found = []
     for check in RESULT_CHECKS:
         found += check(result)
         hand_back()
+        steps.one()
     return found

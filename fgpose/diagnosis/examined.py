@@ -18,6 +18,7 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.hypotheses.consistency import consistency
 from fgpose.diagnosis.hypotheses.geometry import Geometry, examine
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews, limb_joints
+from fgpose.diagnosis.steps import Steps
 from fgpose.estimation.evidence.image_checks.followed import views_gone_over
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import usual_parallax_deg
@@ -55,6 +56,8 @@ class Examined:
     """Which axis of the world is said to point up; auto: as body and cameras stand."""
     with_unfollowed: Observations | None = None
     """Of one person who was chosen among several: see Source.with_unfollowed."""
+    steps: Steps = field(default_factory=Steps)
+    """How far the diagnosis is."""
 
     @staticmethod
     def of(

@@ -9,7 +9,7 @@ import numpy as np
 
 from fgpose.association.chosen_person import Chosen
 from fgpose.association.common_clock import on_common_clock
-from fgpose.association.recording import Association, associate
+from fgpose.association.recording import Association, Progress, associate
 from fgpose.calibration.rig_refinement import SIGNIFICANT_SIGMAS
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
@@ -25,12 +25,13 @@ from fgpose.pipeline.source import AnySource, Source
 from fgpose.trajectory import Trajectory
 
 
-def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
+def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto", progress: Progress | None = None) -> Result:
     """The result with what is probably wrong with it, which goes into its files.
 
     Args:
         result: of a run.
         world_up: which axis of its world is said to point up; see diagnose.
+        progress: see diagnose.
 
     Raises:
         ValueError: nothing is determined; the message says why, as far as it is known.
@@ -39,7 +40,8 @@ def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
         raise ValueError(_nothing_determined(result))
     hand_back()
     source = result.source
-    diagnosis = looked_at(result.seen, result.rig, result.main, result.config, world_up, source.with_unfollowed)
+    seen = result.seen, result.rig, result.main, result.config, world_up, source.with_unfollowed
+    diagnosis = looked_at(*seen, progress)
     hand_back()
     diagnosis = diagnosis.after(source.origin.estimated if source.origin is not None else ())
     chosen = source.chosen
@@ -97,11 +99,12 @@ def looked_at(
     config: Config | None = None,
     world_up: UpChoice | WorldUp = "auto",
     with_unfollowed: Observations | None = None,
+    progress: Progress | None = None,
 ) -> Diagnosis:
     """As diagnose; a diagnosis that fails says so, whatever it is: no result must be lost because it cannot be
     judged."""
     try:
-        return diagnose(recording, rig, people, config, world_up, with_unfollowed)
+        return diagnose(recording, rig, people, config, world_up, with_unfollowed, progress)
     except Exception as error:
         return Diagnosis((), (), {"anything": f"the diagnosis itself has failed, please report it: {error!r:.300}"})
 

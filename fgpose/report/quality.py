@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fgpose.association.recording import Progress
 from fgpose.diagnosis.diagnose import diagnose_finished
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import root_speed_mps, sigma_m
@@ -92,8 +93,8 @@ class Quality:
         return {name: getattr(self, name) for name in fields} | {"n_suspicions": len(self.suspicions)}
 
 
-def quality(recording: FinishedRecording) -> Quality:
-    """Judge a finished recording."""
+def quality(recording: FinishedRecording, progress: Progress | None = None) -> Quality:
+    """Judge a finished recording; told how many of how many steps of its diagnosis are done."""
     everybody = list(recording.people.values())
     first_s = min(float(each.time_s[0]) for each in everybody)
     last_s = max(float(each.time_s[-1]) for each in everybody)
@@ -116,7 +117,7 @@ def quality(recording: FinishedRecording) -> Quality:
         **_of_residuals(everybody),
         **_of_covariance(everybody),
         **_of_motion(everybody),
-        suspicions=diagnose_finished(recording).findings,
+        suspicions=diagnose_finished(recording, progress).findings,
         unknown=tuple(_unknown(recording)),
     )
 

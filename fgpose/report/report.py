@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
+from fgpose.association.recording import Progress
 from fgpose.diagnosis.finished import FinishedRecording, Mark
 from fgpose.geometry.up_axis import WorldUp
 from fgpose.io.atomic import write_text
@@ -15,12 +16,13 @@ from fgpose.report.quality import Quality, quality
 from fgpose.report.sections import sections
 
 
-def write_report(recording: FinishedRecording, path: str | Path) -> Quality:
+def write_report(recording: FinishedRecording, path: str | Path, progress: Progress | None = None) -> Quality:
     """Write the report on a recording as one HTML file, which needs no other file and no network.
 
     Args:
         recording: what is missing in it is said in the file.
         path: of the file; it appears whole or not at all.
+        progress: told how many of how many steps of its diagnosis are done.
 
     Returns:
         The numbers at its head, and all suspicions.
@@ -30,7 +32,7 @@ def write_report(recording: FinishedRecording, path: str | Path) -> Quality:
         ImportError: Bokeh is not installed.
         OSError: the file cannot be written, or a video cannot be read.
     """
-    judged = quality(recording)
+    judged = quality(recording, progress)
     page = Page(
         title=recording.name,
         kicker="Recording",

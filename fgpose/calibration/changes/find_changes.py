@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fgpose.association.recording import Progress
 from fgpose.calibration.changes.breathing import Breathing, breathing_lenses
 from fgpose.calibration.changes.candidate import CLEARLY, Candidate, chosen_of
 from fgpose.calibration.changes.change import Change, Kind
@@ -60,7 +61,24 @@ class Changes:
     """Lenses whose focal length changes to and fro."""
 
 
-def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
+class _Steps:
+    """How far it is, in steps of about the same length: the cameras and the kinds of lenses that are looked at for each
+    change, and what is looked for at the end."""
+
+    def __init__(self, progress: Progress | None, n_cameras: int) -> None:
+        self._progress, self._of_round, self._done = progress, n_cameras + len(Lens), 0
+        self._before, self._at_end = 0, n_cameras
+
+    def begin_round(self) -> None:
+        self._before, self._done = self._before + self._done, 0
+
+    def one(self) -> None:
+        self._done = min(self._done + 1, self._of_round)
+        if self._progress:
+            self._progress(self._before + self._done, self._before + self._of_round + self._at_end)
+
+
+def find_changes(people: Sequence[Observations], rig: CameraRig, progress: Progress | None = None) -> Changes:
     """Find clocks that are late, jump or drift, and cameras that were moved or bumped, from two cameras on.
 
     Of each camera every kind of change, and another focal length, is fitted to the angles by which its rays miss those
@@ -71,14 +89,16 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     Args:
         people: what the cameras saw of each, by their stamps.
         rig: the cameras.
+        progress: told how many of how many steps are done; each change that is found takes more.
     """
+    steps = _Steps(progress, rig.n_cameras)
     step_s = min(usual_step_s(own.frame_time_s) for own in people)
     begin_s = min(float(own.frame_time_s[0]) for own in people)
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
     compared = rig.n_cameras >= 2 and bool(step_s < _LONGEST_STEP_S) and _compared(people)
     if not compared:
         return Changes((), step_s, duration_s, compared)
-    changes, lenses, beside_all = _one_by_one(people, rig, step_s)
+    changes, lenses, beside_all = _one_by_one(people, rig, step_s, steps)
     poses, clocks = _by_cause(changes)
     seen_through = _with_lenses(rig, lenses)
     beside_poses = Comparison.of(people, seen_through, step_s, poses) if clocks else beside_all
@@ -86,7 +106,7 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     jumps = lost_images(beside_poses, clocks)
     if jumps:
         # Clocks that jump again and again look like moved cameras and other lenses: these are looked for beside them.
-        changes, lenses, _ = _one_by_one(people, rig, step_s, jumps)
+        changes, lenses, _ = _one_by_one(people, rig, step_s, steps, jumps)
         poses, seen_through = _by_cause(changes)[0], _with_lenses(rig, lenses)
         changes = [*(lost_images(Comparison.of(people, seen_through, step_s, poses), clocks) or jumps), *poses]
     with_all = Comparison.of(people, seen_through, step_s, changes) if jumps or clocks else beside_poses
@@ -96,7 +116,7 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
 
 
 def _one_by_one(
-    people: Sequence[Observations], rig: CameraRig, step_s: float, clocks: Sequence[Change] = ()
+    people: Sequence[Observations], rig: CameraRig, step_s: float, steps: _Steps, clocks: Sequence[Change] = ()
 ) -> tuple[list[Change], list[LensFit], Comparison]:
     """One change after the other, the clearest first; beside clocks that are known, of poses and lenses only. And what
     cameras saw beside all of them."""
@@ -104,7 +124,8 @@ def _one_by_one(
     lenses: list[LensFit] = []
     compared = Comparison.of(people, rig, step_s, clocks)
     for _ in range(_MAX_CHANGES):
-        found = _next(compared, clocks=not clocks)
+        steps.begin_round()
+        found = _next(compared, steps, clocks=not clocks)
         if not found:
             break
         del compared  # before the next is made
@@ -165,14 +186,17 @@ def _compared(people: Sequence[Observations]) -> bool:
     return by_two > 2 * MIN_BLOCKS * BLOCK_S
 
 
-def _next(compared: Comparison, *, clocks: bool) -> list[Change] | LensFit:
+def _next(compared: Comparison, steps: _Steps, *, clocks: bool) -> list[Change] | LensFit:
     """The clearest change on top of others, with clocks also of these; none if there is no other."""
     rays, costs = compared.rays, compared.costs()
     walks = somebody_walks(rays, compared.blocks)
     each_camera = range(compared.rig.n_cameras)
-    candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, walks=walks)]
+    candidates = []
+    for c in each_camera:
+        candidates += _poses_of(rays, costs, c, walks=walks)
+        steps.one()
     candidates += [each for c in each_camera if clocks for each in _clocks_of(costs, c, compared.step_s)]
-    fits = lens_fits(rays, costs, compared.rig) if walks else []
+    fits = lens_fits(rays, costs, compared.rig, steps.one) if walks else []
     fits = [fit for fit in fits if is_clear(_of_motion(fit, costs)) and lens_matters(fit) and holds(fit)]
     # What needs no number goes before what does.
     lens = max(fits, key=lambda fit: fit.gain.sum() * (CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)

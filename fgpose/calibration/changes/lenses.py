@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
@@ -241,9 +241,9 @@ def _spreads(points: Float[np.ndarray, "sample joint 2"]) -> Float[np.ndarray, "
     return np.nanmedian(np.abs(points - np.nanmedian(points, axis=(0, 1))), axis=(0, 1))
 
 
-def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig) -> list[LensFit]:
+def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig, told: Callable[[], object] = lambda: None) -> list[LensFit]:
     """The best of each kind, of each camera and of all alike, that is not plainly none; of people who walk
-    (somebody_walks)."""
+    (somebody_walks); told after each kind."""
     if costs.blocks.n_blocks < 2 * MIN_BLOCKS:
         return []
     index = costs.blocks.index
@@ -258,6 +258,7 @@ def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig) -> list[LensFit]:
         groups = [everybody] if len(able) == len(everybody) > 1 else []
         groups += [(c,) for c in able if not lens.is_shift]
         found += [_fitted(lens, group, pairs, seen, costs) for group in _promising(lens, groups, pairs, seen)]
+        told()
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from fgpose.cli.console import new_console, print_written, progress_bar
+from fgpose.cli.console import new_console, print_written, progress_bar, quiet_progress
 from fgpose.geometry.up_axis import UpChoice
 
 
@@ -92,7 +92,7 @@ class Report:
         result = find_result(self.results, self.name)
         path = self._path(result.parent, self.name)
         check_result(path, "report", (result, self.rig, self.keypoints))
-        with new_console(stderr=True).status("judging the result"):
+        with quiet_progress("judging the result") as progress:
             recording = load_finished(
                 result,
                 rig=self.rig,
@@ -101,7 +101,7 @@ class Report:
                 videos=self.videos,
                 world_up=self.world_up,
             )
-            judged = write_report(recording, path)
+            judged = write_report(recording, path, progress)
         console = new_console()
         made = maker_text(result)
         console.print(f"{result}{f', made by {made}' if made else ''}", soft_wrap=True)

@@ -45,7 +45,7 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
         examined = examined.with_cameras([examined.rig.names[c] for c in kept])
     if examined.longest_s < LEAST_S:
         return _with_elsewhere(examined, faults_of_short(examined))
-    found = find_changes(list(examined.people.values()), examined.rig)
+    found = find_changes(list(examined.people.values()), examined.rig, examined.steps.part)
     if not found.compared:
         raise NotJudgedError("no two cameras see the same person for some seconds")
     if not examined.geometry.usable and not found.agree:

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from fgpose.cli import console
-from fgpose.cli.console import PlainConsole, ProgressLines, new_console, progress_bar
+from fgpose.cli.console import PlainConsole, ProgressLines, new_console, progress_bar, quiet_progress
 from fgpose.cli.delivery import windows_kept
 from fgpose.io.atomic import write_text
 from fgpose.pipeline import Outputs
@@ -59,6 +59,25 @@ def test_lines_end_with_the_bar(capsys: pytest.CaptureFixture[str]) -> None:
         progress(0, 0)
         progress(30, 30)
     assert capsys.readouterr().err == "detecting\ndetecting: 30 of 30 images (100 %) in 0:00:00\n"
+
+
+def test_what_is_usually_short_says_nothing_unless_it_takes_long(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with quiet_progress("looking") as progress:
+        progress(1, 2)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(console, "_LINE_EVERY_S", 0.01)
+    said = ""
+
+    def has_said_how_far_it_is() -> bool:
+        nonlocal said
+        said += capsys.readouterr().err
+        return "looking: 1 of 4 steps (25 %) after 0:00:0" in said
+
+    with quiet_progress("looking") as progress:
+        progress(1, 4)
+        wait_until(has_said_how_far_it_is)
 
 
 def test_a_terminal_has_its_bar(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,9 @@ import fgpose
 from fgpose.cli import main
 from fgpose.diagnosis import Code, Severity
 from fgpose.diagnosis.camera_checks import few_cameras
+from fgpose.diagnosis.diagnose import INPUT_CHECKS
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.steps import Steps
 from fgpose.io.trajectories import load_origin
 from fgpose_benchmarks.synthetic import Scene
 from fgpose_benchmarks.synthetic.rig import look_at
@@ -24,6 +26,27 @@ def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:
     diagnosis = fgpose.diagnose(walking_scene.observations, walking_scene.rig)
     assert diagnosis.worst in (None, Severity.NOTE)
     assert set(diagnosis.not_judged) == {"frame rate", "clocks and poses over time", "lenses"}  # it is short
+
+
+def test_each_check_is_a_step(walking_scene: Scene) -> None:
+    told: list[tuple[int, int]] = []
+    fgpose.diagnose(
+        walking_scene.observations, walking_scene.rig, progress=lambda done, total: told.append((done, total))
+    )
+    n = sum(map(len, INPUT_CHECKS.values()))
+    assert told == [(k + 1, n) for k in range(n)]
+
+
+def test_a_step_may_be_made_of_several() -> None:
+    told: list[tuple[int, int]] = []
+    steps = Steps(lambda done, total: told.append((done, total)))
+    steps.expect(3)
+    steps.one()
+    steps.part(2, 5)
+    steps.part(3, 10)  # something was found, so that there is more to be done
+    steps.one()
+    steps.one()
+    assert told == [(1, 3), (3, 8), (4, 13), (12, 13), (13, 13)]
 
 
 def walk_before(others_deg: tuple[float, ...], truth_m: np.ndarray) -> FinishedRecording:

@@ -48,6 +48,16 @@ def test_nothing_changes(names: tuple[str, ...]) -> None:
     assert changes(filmed(walk_m(3)), names) == ()
 
 
+def test_it_says_how_far_it_is_and_that_what_is_found_takes_more() -> None:
+    told: list[tuple[int, int]] = []
+    seen = lost(filmed(walk_m(3)), 2, TURN, 6)
+    find_changes([seen.subset(THREE)], RIG.subset(THREE), lambda done, total: told.append((done, total)))
+    done, totals = zip(*told, strict=True)
+    assert list(done) == sorted(done)
+    assert all(each <= total for each, total in told)
+    assert len(set(totals)) == 2  # nothing is found beside the one change
+
+
 @pytest.mark.parametrize(
     "names", [pytest.param(FOUR, marks=pytest.mark.slow), THREE, pytest.param(TWO, marks=pytest.mark.slow)]
 )
