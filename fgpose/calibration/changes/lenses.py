@@ -134,6 +134,9 @@ class LensFit:
         return float(np.exp(self.value))
 
 
+_Across = tuple[Float[np.ndarray, "sample joint"], Float[np.ndarray, "sample joint"]]
+
+
 @dataclass(frozen=True, eq=False)
 class _Pair:
     """What two cameras saw at the samples of all blocks."""
@@ -142,8 +145,8 @@ class _Pair:
     baseline_m: Float[np.ndarray, "sample 1 3"]
     weight: Float[np.ndarray, "sample joint"]
     scale: float
-    squared_pixel: Float[np.ndarray, "sample joint"]
-    """With the lenses of the calibration."""
+    across: tuple[_Across, _Across]
+    """Of both, with the lenses of the calibration."""
     cost: Float[np.ndarray, " sample"]
     """With these lenses: another one of other cameras does not change it."""
 
@@ -152,8 +155,8 @@ class _Pair:
         index, views = costs.blocks.index, (seen[a].view, seen[b].view)
         baseline_m = (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32)
         weight = independent(costs.blocks) * np.minimum(rays.weight[a, index], rays.weight[b, index])
-        of_pixel = squared_pixel(*views, baseline_m)
-        pair = _Pair((a, b), baseline_m, weight, costs.scale[a, b], of_pixel, np.zeros(len(index)))
+        across = views[0].across(baseline_m), views[1].across(baseline_m)
+        pair = _Pair((a, b), baseline_m, weight, costs.scale[a, b], across, np.zeros(len(index)))
         return replace(pair, cost=pair.cost_of(*views))
 
     def cost_of(self, one: _View, other: _View) -> Float[np.ndarray, " sample"]:
@@ -163,7 +166,9 @@ class _Pair:
         """Whitened. The longer a focal length is, the smaller is the angle of a pixel, in which detections err."""
         angles = angle(one.direction, other.direction, self.baseline_m) / self.scale
         if not (one.is_of_calibration and other.is_of_calibration):
-            angles = angles * np.sqrt(self.squared_pixel / squared_pixel(one, other, self.baseline_m))
+            of_views = zip((one, other), self.across, strict=True)
+            across = (given if view.is_of_calibration else view.across(self.baseline_m) for view, given in of_views)
+            angles = angles * np.sqrt(squared_pixel(*self.across) / squared_pixel(*across))
         return np.where(one.lost | other.lost, _LOST, angles)
 
 
@@ -179,9 +184,7 @@ class _View:
     lost: Bool[np.ndarray, "sample joint"] | bool = False
     """What this lens cannot have seen."""
 
-    def across(
-        self, baseline_m: Float[np.ndarray, "sample 1 3"]
-    ) -> tuple[Float[np.ndarray, "sample joint"], Float[np.ndarray, "sample joint"]]:
+    def across(self, baseline_m: Float[np.ndarray, "sample 1 3"]) -> _Across:
         """Of the planes of a baseline and the rays: the squared length of the product of both, and the squared angle of
         a pixel across the plane, in focal lengths of the calibration. It is less at the edge of an image."""
         normal = np.einsum("sji,skj->ski", self.world_R_camera, cross(baseline_m, self.direction))
@@ -191,13 +194,11 @@ class _View:
         return squared, of_pixel / np.maximum(squared, 1e-12)
 
 
-def squared_pixel(
-    one: _View, other: _View, baseline_m: Float[np.ndarray, "sample 1 3"]
-) -> Float[np.ndarray, "sample joint"]:
+def squared_pixel(one: _Across, other: _Across) -> Float[np.ndarray, "sample joint"]:
     """Variance of the angle by which two rays miss each other (lag_costs.angle) for a pixel of error in either image.
     Without it, cameras that look in parallel would agree better the shorter their focal lengths are, which they cannot
     tell."""
-    (from_one, of_one), (from_other, of_other) = one.across(baseline_m), other.across(baseline_m)
+    (from_one, of_one), (from_other, of_other) = one, other
     return (from_other * of_one + from_one * of_other) / np.maximum(from_one + from_other, 1e-12)
 
 

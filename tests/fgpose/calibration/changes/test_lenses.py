@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.calibration.changes.lenses import Lens, squared_pixel
+from fgpose.calibration.changes.lenses import Lens
 from fgpose.calibration.changes.lenses import _Pair as Pair
 from fgpose.calibration.changes.lenses import _Seen as Seen
 from fgpose.geometry.camera import Camera, CameraRig
@@ -42,8 +42,8 @@ def test_parallel_cameras_agree_as_well_with_any_focal_length() -> None:
         direction = rays / np.linalg.norm(rays, axis=-1, keepdims=True) @ DOWN
         seen.append(Seen(camera, direction, np.tile(DOWN.T, (40, 1, 1))))
     baseline_m = np.tile(rig.positions_m[1] - rig.positions_m[0], (40, 1, 1))
-    of_pixel = squared_pixel(seen[0].view, seen[1].view, baseline_m)
-    pair = Pair((0, 1), baseline_m, np.ones((40, 10)), 0.005, of_pixel, np.zeros(40))
+    across = seen[0].view.across(baseline_m), seen[1].view.across(baseline_m)
+    pair = Pair((0, 1), baseline_m, np.ones((40, 10)), 0.005, across, np.zeros(40))
     still = pair.angles(seen[0].view, seen[1].view)
     for value in (-0.4, 0.4):
         other = pair.angles(*(each.through(Lens.FOCAL_LENGTH, value) for each in seen))
