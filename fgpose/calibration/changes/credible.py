@@ -36,6 +36,7 @@ _OF_MOST_JOINTS = 1 / 3
 # Of somebody who stands, with errors that are others in every posture and camera, 0.02 to 0.058; a bump of 1.5 degrees
 # has 0.075 to 0.097.
 _SHIFT_OF_POSTURE_M = 0.06
+_SELDOM = 0.05  # of recordings in which nobody touched a camera
 _ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
 _BENT_RAD = 0.005  # 2 cm at 4 m
 
@@ -101,8 +102,9 @@ def clock_matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
 
 
 def move_matters(fit: PoseFit, *, walks: bool, of_posture: bool) -> bool:
-    """Whether rays miss each other by more than those of right cameras; and of a camera that was put back whether it is
-    certain that it went anywhere, for what comes and goes may be the motion that is cut off by a filter.
+    """Whether rays miss each other by more than those of right cameras; of a camera that is elsewhere all the time
+    whether its calibration may not err by that; and of one that was put back whether it is certain that it went
+    anywhere, for what comes and goes may be the motion that is cut off by a filter.
 
     Args:
         walks: whether somebody does, at any time.
@@ -111,6 +113,8 @@ def move_matters(fit: PoseFit, *, walks: bool, of_posture: bool) -> bool:
     """
     least_m = (_SHIFT_OF_WALKING_M if walks else _SHIFT_M)[fit.kind]
     is_far = fit.shift > _SHIFT and fit.shift_m > max(least_m, _SHIFT_OF_POSTURE_M if of_posture else 0.0)
+    if fit.kind is Kind.MOVED and fit.untouched > _SELDOM:
+        return False
     return is_far and (fit.end_edges is None or _is_certain(fit))
 
 

@@ -23,6 +23,7 @@ from fgpose.calibration.changes.lag_costs import (
     weighted,
     wide_enough,
 )
+from fgpose.calibration.changes.poses.move_errors import Linearised, MoveErrors, move_errors
 from fgpose.calibration.changes.poses.stretches import Stretch, best_stretch, better_stretch, stretches
 from fgpose.calibration.changes.rays import Rays
 from fgpose.config import CalibrationConfig
@@ -60,6 +61,9 @@ class PoseFit:
     """Share of the gain that is left without the two joints that gain most: a limb that a camera shows elsewhere."""
     end_edges: tuple[int, int] | None = None
     """The same of the block after a bump that begins and ends."""
+    untouched: float = 0.0
+    """How probably one of as many cameras that nobody touched seems to have been moved as far, as their calibrations err
+    and detections do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,16 +105,30 @@ class _Views:
         return angle(self.others, turned[None], baseline_m) / self.scale[:, None, None]
 
     def jacobian(self, move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "other sample joint 6"]:
+        turned, across, across_turned = self._across(move)
+        by_move = np.concatenate([cross(turned, across), cross(self.others, turned)], axis=-1)
+        return by_move / self._length(across, across_turned)
+
+    def jacobian_of_others(self, move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "other sample joint 6"]:
+        """The same by a move of the other camera, with the own one moved."""
+        turned, across, across_turned = self._across(move)
+        by_move = -np.concatenate([cross(self.others, across_turned), cross(self.others, turned)], axis=-1)
+        return by_move / self._length(across, across_turned)
+
+    def _across(self, move: Float[np.ndarray, " 6"]) -> tuple[Float[np.ndarray, "other sample joint 3"], ...]:
+        """The rays of the camera with it moved, and what is across the baseline and those of the others, and these."""
         turned = np.broadcast_to(
             self.own @ gtsam.Rot3.Expmap(move[:3]).matrix().T.astype(np.float32), self.others.shape
         )
         baseline_m = (self.own_centre_m + move[3:] - self.centres_m)[:, :, None].astype(np.float32)
-        across, across_turned = cross(baseline_m, self.others), cross(baseline_m, turned)
+        return turned, cross(baseline_m, self.others), cross(baseline_m, turned)
+
+    def _length(
+        self, across: Float[np.ndarray, "other sample joint 3"], across_turned: Float[np.ndarray, "other sample joint 3"]
+    ) -> Float[np.ndarray, "other sample joint 1"]:
+        """What whitens; a ray along the baseline, or at a camera's centre, says nothing."""
         length = np.sqrt(dot(across, across) + dot(across_turned, across_turned))
-        by_move = np.concatenate([cross(turned, across), cross(self.others, turned)], axis=-1)
-        # A ray along the baseline, or at a camera's centre, says nothing.
-        length = np.where(length > 0, length * self.scale[:, None, None], np.inf)
-        return by_move / length[..., None]
+        return np.where(length > 0, length * self.scale[:, None, None], np.inf)[..., None]
 
     def independent(self, used: Bool[np.ndarray, " block"]) -> float:
         """By how much the angles in these blocks count against the prior."""
@@ -273,17 +291,20 @@ def _fitted(
         other = used & ~half
         gain[other] = (before - views.cost(views.angles(_move(views, used & half, width))))[other]
     move = _move(views, used, width)
-    covariance = _covariance(views, move, used)
+    errors = _errors(views, move, used)
     angles = views.angles(np.zeros(6)), views.angles(move)
     changed, samples = angles[1] - angles[0], used[views.blocks.block][None, :, None]
     there = (views.weight > 0) & samples & np.isfinite(changed)
-    sigma, sigma_m = (float(np.sqrt(np.trace(covariance[rows, rows]))) for rows in (slice(0, 3), slice(3, 6)))
+    sigma, sigma_m = (errors.sigma(rows) for rows in (slice(0, 3), slice(3, 6)))
     shift_m = _root_mean_square((changed * (views.scale * views.reach_m)[:, None, None])[there])
     costs = before * told, views.cost(angles[1]) * told
     edges, end_edges = _edges(*costs, held)
     of_most = views.of_most_joints(*(np.where(samples, each, np.nan) for each in angles))
     shift = _root_mean_square(changed[there])
-    return PoseFit(kind, move[:3], move[3:], held, gain, edges, sigma, sigma_m, shift, shift_m, of_most, end_edges)
+    untouched = errors.untouched(move) * (len(views.scale) + 1)  # Bonferroni
+    return PoseFit(
+        kind, move[:3], move[3:], held, gain, edges, sigma, sigma_m, shift, shift_m, of_most, end_edges, untouched
+    )
 
 
 def _edges(
@@ -300,18 +321,18 @@ def _edges(
     return edges_as_good(cost_before[begin], cost_after[begin]), (middle + first, middle + last)
 
 
-def _covariance(
-    views: _Views, move: Float[np.ndarray, " 6"], used: Bool[np.ndarray, " block"]
-) -> Float[np.ndarray, "6 6"]:
-    """Of a move, from the scatter of the gradients of the blocks (a sandwich, as that of any other weighting is): what
-    their angles are worth is a guess, what they contradict each other by is not."""
-    information, gradient = (each[used] for each in views.equations(move, 1.0))
-    share, n = views.independent(used), int(used.sum())
-    inverse = np.linalg.inv(share * information.sum(axis=0) + np.diag(_SIGMAS**-2))
-    around = share * (gradient - gradient.mean(axis=0))
-    # Of few blocks their own scatter is not known well: n / (n - 1) of its variance, times that of Student's t.
-    scatter = around.T @ around * n / max(n - 3, 1)
-    return inverse @ (scatter + np.diag(_SIGMAS**-2)) @ inverse
+def _errors(views: _Views, move: Float[np.ndarray, " 6"], used: Bool[np.ndarray, " block"]) -> MoveErrors:
+    angles, samples = views.angles(move), used[views.blocks.block][:, None]
+    seen = Linearised(
+        np.nan_to_num(angles),
+        np.where(samples, reweighted(angles, views.weight, 1.0), 0.0),
+        np.nan_to_num(views.jacobian(move)),
+        np.nan_to_num(views.jacobian_of_others(move)),
+    )
+    share = views.independent(used)
+    information = np.einsum("osj,osja,osjb->ab", seen.weight, seen.by_own, seen.by_own, optimize=True)
+    inverse = np.linalg.inv(share * information + np.diag(_SIGMAS**-2))
+    return move_errors(seen, inverse, share, _SIGMAS, views.blocks.block)
 
 
 def _root_mean_square(values: Float[np.ndarray, " value"]) -> float:
