@@ -14,13 +14,16 @@ from fgpose.cli.console import new_console, new_table, number, progress_bar
 from fgpose.cli.options import RecordingOptions
 
 if TYPE_CHECKING:
-    from fgpose.assessment.recording_info import CameraInfo, RecordingInfo
+    from collections.abc import Sequence
+
+    from fgpose.assessment.recording_info import CameraInfo, Gap, RecordingInfo
     from fgpose.association.recording import Association
     from fgpose.geometry.camera import CameraRig
     from fgpose.people_observations import PeopleObservations
 
 # More would hide the rest of the report.
 _MAX_GAPS = 10
+_AT_ONCE_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,12 +79,36 @@ def print_info(console: Console, info: RecordingInfo) -> None:
     )
     console.print(_seen_table(info))
     console.print(_check_table(info.cameras))
-    for gap in info.gaps[:_MAX_GAPS]:
+    together, n_shorter = _gaps_together(info.gaps)
+    for longest, *others in together:
+        n_joints = 1 + len({gap.joint for gap in others} - {longest.joint})
+        joints = longest.joint if n_joints == 1 else f"{'all ' * (n_joints == info.n_joints)}{n_joints} joints"
         console.print(
-            f"gap: {gap.joint} seen by fewer than two cameras for {gap.duration_s:.2f} s from {gap.start_s:.2f} s"
+            f"gap: {joints} seen by fewer than two cameras for {longest.duration_s:.2f} s from {longest.start_s:.2f} s"
         )
-    if len(info.gaps) > _MAX_GAPS:
-        console.print(f"gap: {len(info.gaps) - _MAX_GAPS} shorter ones")
+    if n_shorter:
+        console.print(f"gap: {n_shorter} shorter ones")
+
+
+def _gaps_together(gaps: Sequence[Gap]) -> tuple[list[list[Gap]], int]:
+    """The longest, of all joints that are not seen at that time, the longest of each first; and how many are left."""
+    together: list[list[Gap]] = []
+    n_left = 0
+    for gap in gaps:
+        same = next((each for each in together if _is_same(each[0], gap)), None)
+        if same is not None:
+            same.append(gap)
+        elif len(together) < _MAX_GAPS:
+            together.append([gap])
+        else:
+            n_left += 1
+    return together, n_left
+
+
+def _is_same(longest: Gap, gap: Gap) -> bool:
+    """Whether somebody who leaves and comes back makes both: joints are detected some images earlier or later."""
+    later_s = gap.start_s - longest.start_s
+    return abs(later_s) < _AT_ONCE_S and abs(later_s + gap.duration_s - longest.duration_s) < _AT_ONCE_S
 
 
 def _seen_table(info: RecordingInfo) -> Table:

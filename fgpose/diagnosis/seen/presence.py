@@ -16,6 +16,7 @@ from fgpose.diagnosis.hypotheses.consistency import consistency
 from fgpose.diagnosis.hypotheses.scene import SynchronousViews
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
+from fgpose.observations import Observations
 from fgpose.sampling import stretches, usual_step_s
 
 # Less is a detector that misses somebody in a few images.
@@ -25,6 +26,7 @@ _AT_MOST = 4  # intervals that are listed
 _SWITCHED_S = 0.2  # for less it is a detection that failed
 # Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
+_AS_FEW = 0.75  # of what the others see: where all of them see as little, it is no camera's fault
 _NOW_AND_THEN = 0.05  # who is shown less is outside of the view, or a reflection that others show
 
 Interval = tuple[float, float]
@@ -121,9 +123,15 @@ def _listed(intervals: list[Interval]) -> str:
 
 
 def blind(examined: Examined) -> list[Finding]:
-    """Cameras that see little in their images, or show people whom nobody else sees."""
+    """Cameras that see little in their images while somebody is there, and less than the others do; or that show people
+    whom nobody else sees."""
     shares = of_whole_cameras(examined.rig.names, _shares_seen(examined).tolist())
-    return [_blind(name, share, name in examined.unfollowed) for name, share in shares.items() if share < _FEW_SEEN]
+    found = []
+    for name, share in shares.items():
+        others = [each for other, each in shares.items() if other != name and np.isfinite(each)]
+        if share < min(_FEW_SEEN, _AS_FEW * float(np.median(others)) if others else np.inf):
+            found.append(_blind(name, share, name in examined.unfollowed))
+    return found
 
 
 def _blind(name: str, share: float, is_unfollowed: bool) -> Finding:
@@ -145,17 +153,29 @@ def _blind(name: str, share: float, is_unfollowed: bool) -> Finding:
 
 def _shares_seen(examined: Examined) -> Float[np.ndarray, " camera"]:
     """Of the joints of those whom a camera shows now and then, or of everybody if it shows nobody, in the images that
-    it has: cameras of other rates have images of other frames. NaN where it has none."""
-    n_cameras, people = examined.rig.n_cameras, list(examined.sampled.values())
+    it has while they are there: cameras of other rates have images of other frames. NaN where it has none."""
+    n_cameras, people = examined.rig.n_cameras, list(examined.sampled.items())
     seen, of_images = np.zeros((2, len(people), n_cameras))
-    for k, own in enumerate(people):
+    for k, (person, own) in enumerate(people):
         has_image = np.isfinite(np.broadcast_to(own.time_s.T, (n_cameras, own.n_frames)).T)
+        has_image &= _is_there(examined.people[person], own.frame_time_s)[:, None]
         seen[k] = (own.seen & has_image[..., None]).sum(axis=(0, 2))
         of_images[k] = own.seen.shape[2] * has_image.sum(axis=0)
     shown = seen > _NOW_AND_THEN * of_images
     shown |= ~shown.any(axis=0)
     seen, of_images = np.where(shown, seen, 0).sum(axis=0), np.where(shown, of_images, 0).sum(axis=0)
     return np.divide(seen, of_images, out=np.full(n_cameras, np.nan), where=of_images > 0)
+
+
+def _is_there(own: Observations, at_s: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+    """Whether any camera shows somebody at these times, or shortly before or after: a frame may have but one image, in
+    which a camera misses them."""
+    shown_s = own.frame_time_s[_shows(own.seen).any(axis=1)]
+    if not len(shown_s):
+        return np.zeros(len(at_s), dtype=bool)
+    after = np.searchsorted(shown_s, at_s)
+    around_s = shown_s[np.stack([np.maximum(after - 1, 0), np.minimum(after, len(shown_s) - 1)])]
+    return np.asarray(np.abs(around_s - at_s).min(axis=0) < _LEAST_S / 2)
 
 
 def never_seen(examined: Examined) -> list[Finding]:

@@ -15,12 +15,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from rrd_contents import rows
 from scipy.interpolate import CubicSpline
 
+from fgpose.assessment.recording_info import recording_info
 from fgpose.cli import app, delivery, main, viewers
 from fgpose.cli.calibration import calibrated
 from fgpose.cli.commands import estimators, view
+from fgpose.cli.commands.info import print_info
 from fgpose.cli.console import new_console, new_table
 from fgpose.cli.live_consumers import Consumers, LiveOutputs
 from fgpose.cli.viewers import warn_if_others_reach
@@ -271,6 +274,19 @@ def test_refine_with_some_cameras(source: list[str], tmp_path: Path) -> None:
     assert main(["refine", *source, *options]) == 0
     assert load_trajectory(tmp_path / "walk_refined.parquet").camera_names == ("cam_04", "cam_02")
     assert {path.suffix for path in tmp_path.iterdir()} == {".parquet", ".trc", ".c3d"}
+
+
+def test_info_lists_a_gap_of_all_joints_once(walking_scene: Scene, capsys: pytest.CaptureFixture[str]) -> None:
+    seen = walking_scene.observations
+    hidden = np.zeros(seen.confidence.shape, dtype=bool)
+    hidden[20:41] = hidden[19, :, 0] = hidden[41, :, 1] = True
+    hidden[5:9] |= np.arange(hidden.shape[2]) == 2
+    print_info(Console(width=200), recording_info(seen.without(hidden), walking_scene.rig, 0.1))
+    gaps = [line for line in capsys.readouterr().out.splitlines() if line.startswith("gap:")]
+    assert gaps == [
+        f"gap: all {seen.skeleton.n_joints} joints seen by fewer than two cameras for 0.77 s from 0.60 s",
+        f"gap: {seen.skeleton.joints[2]} seen by fewer than two cameras for 0.17 s from 0.13 s",
+    ]
 
 
 @pytest.mark.slow

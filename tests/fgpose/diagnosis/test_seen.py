@@ -152,6 +152,25 @@ def test_a_camera_of_a_lower_rate_is_not_blind(seen, rig) -> None:
     assert blind(Examined.of(replace(seen.without(hidden), time_s=time_s), rig)) == []
 
 
+def test_a_camera_is_not_blind_while_nobody_is_there(seen, rig) -> None:
+    """Somebody in one of five seconds; a camera that misses most of that still is."""
+    shortly = without(seen, slice(30, None))
+    assert blind(Examined.of(shortly, rig)) == []
+    (finding,) = blind(Examined.of(without(shortly, slice(6, None), slice(2, 3)), rig))
+    # Of six frames of the thirty, and of the half second after that another image may be of.
+    assert (finding.camera, finding.numbers["share"] < 0.2) == (rig.names[2], True)
+
+
+def test_no_camera_is_blind_where_all_see_as_little(seen, rig) -> None:
+    """A whole body is expected, and a desk hides most of it from every camera."""
+    hidden = np.zeros(seen.confidence.shape, dtype=bool)
+    hidden[:, :, ::2] = hidden[:, :, 1::8] = True
+    assert blind(Examined.of(seen.without(hidden), rig)) == []
+    hidden[:60, 1] = True
+    (finding,) = blind(Examined.of(seen.without(hidden), rig))
+    assert finding.camera == rig.names[1]
+
+
 def test_who_is_shown_by_others_alone_makes_no_camera_blind(seen, rig) -> None:
     """A reflection in two of the cameras, or somebody outside of the view of the others."""
     hidden = np.zeros(seen.confidence.shape, dtype=bool)
