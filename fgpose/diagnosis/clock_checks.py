@@ -10,7 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import ProjectionConfig
+from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.seen.presence import cameras_with_somebody
 from fgpose.estimation.online.clock_offsets import offset_information
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
@@ -29,6 +31,7 @@ _NOTICEABLE_FRAMES = 0.2
 _DRIFT_FRAMES = 1.0  # from the first second to the last: half of it at either end
 # A frame that comes later than this many steps has missed one.
 _MISSING_STEPS = 1.5
+_PAUSE_S = 1.0
 _OUTLIER_RATIO = 5.0  # of the median error
 _UNWEIGHTED = ProjectionConfig(kernel="none")
 # Relative: the lag that all cameras have in common has none but by rounding and by what keeps unseen joints invertible.
@@ -219,10 +222,20 @@ def undetermined_clocks(recording: FinishedRecording) -> list[Finding]:
 
 def missing_frames(recording: FinishedRecording) -> list[Finding]:
     """Frames that the recording lacks."""
-    trajectory = recording.main
-    steps_s = np.diff(trajectory.time_s)
-    step_s = usual_step_s(trajectory.time_s)
-    missed = steps_s > _MISSING_STEPS * step_s
+    return _missing(recording.main.time_s)
+
+
+def pauses(examined: Examined) -> list[Finding]:
+    """The same before there is a result, of all cameras and of more than moments: streams drop images."""
+    if examined.result is not None:
+        return []
+    return _missing(cameras_with_somebody(examined)[0], _PAUSE_S)
+
+
+def _missing(time_s: Float[np.ndarray, " frame"], least_s: float = 0.0) -> list[Finding]:
+    steps_s = np.diff(time_s)
+    step_s = usual_step_s(time_s)
+    missed = steps_s > max(_MISSING_STEPS * step_s, least_s)
     if not missed.any():
         return []
     longest = int(np.argmax(steps_s))
@@ -231,14 +244,14 @@ def missing_frames(recording: FinishedRecording) -> list[Finding]:
     moments = "one moment" if n_moments == 1 else f"{n_moments} moments"
     reason = (
         f"frames are missing at {moments}, {100 * share:.1f} % of the time; the longest for "
-        f"{steps_s[longest]:.2f} s at {trajectory.time_s[longest]:.1f} s"
+        f"{steps_s[longest]:.2f} s at {time_s[longest]:.1f} s"
     )
     return [
         Finding(
             Code.MISSING_FRAMES,
             Severity.NOTE,
             reason,
-            "Look for dropped images in the log of the recorder; a slower disk loses them.",
+            "Look for dropped images in the log of the recorder; a slower disk loses them. Or was it paused?",
             share,
         )
     ]

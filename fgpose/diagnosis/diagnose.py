@@ -23,7 +23,7 @@ from fgpose.diagnosis.camera_checks import (
     misplaced_joints,
 )
 from fgpose.diagnosis.changes.camera_faults_checks import lenses_that_show, moved_and_late_cameras
-from fgpose.diagnosis.clock_checks import drifting_cameras, late_cameras, missing_frames, undetermined_clocks
+from fgpose.diagnosis.clock_checks import drifting_cameras, late_cameras, missing_frames, pauses, undetermined_clocks
 from fgpose.diagnosis.consequences import EXPLAINS, most_important
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.finished import FinishedRecording
@@ -72,7 +72,7 @@ InputCheck = Callable[[Examined], list[Finding]]
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
     "calibration": (disagreements, off_centre, causes_of_unfollowed),
-    "frame rate": (unusual_steps, slow_motion, sorted_as_text),
+    "frame rate": (unusual_steps, pauses, slow_motion, sorted_as_text),
     "clocks and poses over time": (moved_and_late_cameras,),
     "lenses": (lenses_that_show,),
     "skeleton": (wrong_skeleton,),

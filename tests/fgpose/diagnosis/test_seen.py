@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 import fgpose
+from fgpose.diagnosis.clock_checks import pauses
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.seen import interpolated, keypoints, order
 from fgpose.diagnosis.seen.interpolated import interpolated_keypoints
@@ -77,6 +78,15 @@ def test_when_nobody_is_there(seen, rig) -> None:
     assert finding.from_s == pytest.approx(1.0)
     assert finding.to_s == pytest.approx(3.0)
     assert finding.numbers["share"] == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("hole_s", [2.0, 86400.0])
+def test_a_recording_that_was_paused(seen, rig, hole_s: float) -> None:
+    assert pauses(Examined.of(seen, rig)) == []
+    time_s = seen.time_s + np.where(np.arange(seen.n_frames) < 60, 0.0, hole_s)
+    (finding,) = pauses(Examined.of(replace(seen, time_s=time_s), rig))
+    assert (finding.code, finding.severity) == (Code.MISSING_FRAMES, Severity.NOTE)
+    assert f"for {hole_s + 1 / 30:.2f} s at {59 / 30:.1f} s" in finding.reason
 
 
 def test_stretches_without_anybody_of_less_than_a_second_count_too(seen, rig) -> None:
