@@ -36,7 +36,7 @@ _OF_MOST_JOINTS = 1 / 3
 # Of somebody who stands, with errors that are others in every posture and camera, 0.02 to 0.058; a bump of 1.5 degrees
 # has 0.075 to 0.097.
 _SHIFT_OF_POSTURE_M = 0.06
-_SELDOM = 0.05  # of recordings in which nobody touched a camera
+_SELDOM = 0.01  # of recordings in which nobody touched a camera
 _ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
 _BENT_RAD = 0.005  # 2 cm at 4 m
 

@@ -78,7 +78,9 @@ def move_errors(
     alone = cell.reshape(-1, 6)
     scatter = _scatter(cell.sum(axis=1)) + _scatter(cell.sum(axis=0)) - alone.T @ alone
     of_detections = inverse @ (share**2 * _positive(scatter) + np.diag(prior_sigmas**-2)) @ inverse
-    by_others = share * inverse @ np.einsum("osj,osja,osjb->oab", seen.weight, seen.by_own, seen.by_other, optimize=True)
+    by_others = (
+        share * inverse @ np.einsum("osj,osja,osjb->oab", seen.weight, seen.by_own, seen.by_other, optimize=True)
+    )
     prior = CalibrationConfig()
     calibration = np.diag(np.repeat([np.deg2rad(prior.rotation_sigma_deg), prior.translation_sigma_m], 3) ** 2)
     of_others = np.sum(by_others @ calibration @ by_others.swapaxes(1, 2), axis=0)

@@ -62,8 +62,8 @@ class PoseFit:
     end_edges: tuple[int, int] | None = None
     """The same of the block after a bump that begins and ends."""
     untouched: float = 0.0
-    """How probably one of as many cameras that nobody touched seems to have been moved as far, as their calibrations err
-    and detections do."""
+    """How probably one of as many cameras that nobody touched seems to have been moved as far, since their calibrations
+    and detections err."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,9 @@ class _Views:
         return turned, cross(baseline_m, self.others), cross(baseline_m, turned)
 
     def _length(
-        self, across: Float[np.ndarray, "other sample joint 3"], across_turned: Float[np.ndarray, "other sample joint 3"]
+        self,
+        across: Float[np.ndarray, "other sample joint 3"],
+        across_turned: Float[np.ndarray, "other sample joint 3"],
     ) -> Float[np.ndarray, "other sample joint 1"]:
         """What whitens; a ray along the baseline, or at a camera's centre, says nothing."""
         length = np.sqrt(dot(across, across) + dot(across_turned, across_turned))
