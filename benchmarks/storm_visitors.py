@@ -157,7 +157,7 @@ class StandInTracker:
         self._n_updates, self._updated_s = 0, math.nan
         self.nobodys: dict[str, Detections] = {}
         """Nothing is shown of nobody."""
-        self.left_out: set[str] = set()
+        self.used: Sequence[Detections] = ()
         self.set_clocks: dict[str, str] = {}
         """No clock is set while it runs."""
 
@@ -167,6 +167,7 @@ class StandInTracker:
     def update(self, images: Sequence[Detections]) -> list[Tracked]:
         """See Tracker."""
         self._fails("update")
+        self.used = images
         for image in images:
             camera, shown = self._rig.names.index(image.camera), self._visitors.shown(image, self._now_s())
             if shown.people:
