@@ -118,7 +118,8 @@ class Tracker(Shown, Exclusive):
         camera says so too in an update of its own, for images that are given together may share a wrong stamp. After
         ten updates with nothing but images that are more than a minute older the clock was set back: nobody is followed
         or recognised any more, and people get new numbers. Images of a camera whose clock was set, and most others were
-        not, are left out until it is right again (ClockSteps).
+        not, are left out until it is right again (ClockSteps); images that had to wait are not taken for such if they
+        say when they arrived (Detections.arriving).
 
         Returns:
             Everybody at the time of the newest image that was used.

@@ -21,7 +21,7 @@ from fgpose.geometry.changing_rig import TOGETHER_S
 
 # Images come with jitter, and one may be lost.
 _STEPS = 2.0
-# The median of so many is the usual step of a camera.
+# So many images tell what is usual for a camera.
 _REMEMBERED = 15
 # A camera that has not given an image for longer has no say in which clocks are right.
 _SILENT_S = 1.0

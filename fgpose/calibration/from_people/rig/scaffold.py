@@ -1,9 +1,9 @@
 """A first rig: two cameras by their relative pose, the others by what the two see, for every pair; the best one counts.
 
 The error of the essential matrix of a pair does not show whether it is twisted. A third camera does: joints that were
-triangulated with a wrong pose fit no pose of it. So every pair is tried, in large
-rigs many of them, and the rig whose worst camera fits best wins.
-Two cameras have no third: there the views' 3D tells, or else that bones do not change their length.
+triangulated with a wrong pose fit no pose of it. So every pair is tried, in large rigs many of them, and the rig whose
+worst camera fits best wins. Two cameras have no third: there the views' 3D tells, or else that bones do not change
+their length.
 """
 
 from __future__ import annotations
