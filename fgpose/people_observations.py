@@ -110,16 +110,17 @@ class Detections(Shown):
     def at(self, time_s: float) -> Detections:
         """The same in an image of another time. Raises ValueError if that is not finite."""
         self._check_time(time_s)
-        # Not replace(): the arrays are not checked again, image by image, in a live loop.
-        moved = object.__new__(Detections)
-        moved.__dict__.update(self.__dict__, time_s=time_s)
-        return moved
+        return self._changed(time_s=time_s)
 
     def arriving(self, arrived_s: float) -> Detections:
         """The same, of which it is known when it came to this computer."""
-        arriving = object.__new__(Detections)
-        arriving.__dict__.update(self.__dict__, arrived_s=arrived_s)
-        return arriving
+        return self._changed(arrived_s=arrived_s)
+
+    def _changed(self, **times_s: float) -> Detections:
+        # Not replace(): the arrays are not checked again, image by image, in a live loop.
+        changed = object.__new__(Detections)
+        changed.__dict__.update(self.__dict__, **times_s)
+        return changed
 
     @property
     def n_people(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from fgpose.estimation.online.clock_jumps import ENOUGH_OF_ONE, FAR_S
 from fgpose.people_observations import Detections
@@ -51,3 +52,14 @@ def moments_of(images: Sequence[Detections]) -> Iterator[list[Detections]]:
         moment.append(image)
     if moment:
         yield moment
+
+
+def times_s(
+    images: Sequence[Detections], camera_names: Sequence[str]
+) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
+    """When images of different cameras were taken, as these say, and when they arrived; NaN: it is not known."""
+    taken_s, arrived_s = np.full((2, len(camera_names)), np.nan)
+    for image in images:
+        c = camera_names.index(image.camera)
+        taken_s[c], arrived_s[c] = image.time_s, np.nan if image.arrived_s is None else image.arrived_s
+    return taken_s, arrived_s

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
-from jaxtyping import Float
 
 from fgpose.association.follow import Follower
 from fgpose.association.identity.appearance import Resemblance
@@ -30,7 +29,7 @@ from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import NewDetections
 from fgpose.tracking.known_bones import KnownBones
 from fgpose.tracking.memory import go_on, memory_of
-from fgpose.tracking.moments import believed_of, moments_of
+from fgpose.tracking.moments import believed_of, moments_of, times_s
 from fgpose.tracking.parallel import ParallelEstimators
 
 _APPLY_OFFSETS_S = 0.5
@@ -166,7 +165,7 @@ class Tracker(Shown, Exclusive):
 
     def leaves_out(self, image: Detections) -> bool:
         """Whether an image would be left out if it came next, as the clock of its camera was set (ClockSteps)."""
-        return bool(self._steps.plus(*self._times_s([image])).left_out[self.rig.names.index(image.camera)])
+        return bool(self._steps.plus(*times_s([image], self.rig.names)).left_out[self.rig.names.index(image.camera)])
 
     @property
     def set_clocks(self) -> dict[str, str]:
@@ -272,20 +271,10 @@ class Tracker(Shown, Exclusive):
         images, names = list[Detections](), self.rig.names
         for moment in moments_of(believed):
             together = self._taken_together(moment)
-            steps = steps.plus(*self._times_s(together))
+            steps = steps.plus(*times_s(together, names))
             left_out = np.array(names)[steps.left_out]
             images += [image for image in together if image.camera not in left_out]
         return images, steps
-
-    def _times_s(
-        self, images: Sequence[Detections]
-    ) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
-        """When images of different cameras were taken, as these say, and when they arrived; NaN: it is not known."""
-        taken_s, arrived_s = np.full((2, self.rig.n_cameras), np.nan)
-        for image in images:
-            c = self.rig.names.index(image.camera)
-            taken_s[c], arrived_s[c] = image.time_s, np.nan if image.arrived_s is None else image.arrived_s
-        return taken_s, arrived_s
 
     def _taken_together(self, images: list[Detections]) -> list[Detections]:
         """Without those that were taken far from the others."""
