@@ -62,7 +62,7 @@ def worst_grade(findings: Sequence[CalibrationFinding]) -> Grade:
 @dataclass(frozen=True, eq=False, repr=False)
 class CameraSigmas(Shown):
     """Standard deviations of the cameras, about the centroid of the rig, inflated by the disagreement of two halves of
-    the recording."""
+    the recording. What a detector makes wrong of a joint in one camera all the time is in both halves, not in these."""
 
     position_m: Float[np.ndarray, " camera"]
     """Of the place, root of the sum over the axes."""
