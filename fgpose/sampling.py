@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose_factors.robust_statistics import medians
+
 TIME_ROUNDING_S = 1e-6
 """Times that differ by less are the same."""
 # A dropped image is a gap of two steps, the jitter of a webcam's clock a few tenths of one.
@@ -79,7 +81,7 @@ class Pace:
 
 def usual_step_s(time_s: Float[np.ndarray, " frame"]) -> float:
     """Median time from frame to frame, seconds; inf with one frame."""
-    return float(median(np.diff(time_s).tolist())) if len(time_s) > 1 else np.inf
+    return float(medians(np.diff(time_s))) if len(time_s) > 1 else np.inf
 
 
 def frames_per_second(time_s: Float[np.ndarray, " frame"]) -> float:
