@@ -72,9 +72,10 @@ def move_errors(
     """
     weighted = seen.weight * seen.angle
     gradient = np.einsum("osj,osja->sja", weighted, seen.by_own, optimize=True)
-    used, number = np.unique(block[seen.weight.any(axis=(0, 2))], return_inverse=True)
+    entered = seen.weight.any(axis=(0, 2))
+    used, number = np.unique(block[entered], return_inverse=True)
     cell = np.zeros((len(used), *gradient.shape[1:]))
-    np.add.at(cell, number, gradient[seen.weight.any(axis=(0, 2))])
+    np.add.at(cell, number, gradient[entered])
     alone = cell.reshape(-1, 6)
     scatter = _scatter(cell.sum(axis=1)) + _scatter(cell.sum(axis=0)) - alone.T @ alone
     of_detections = inverse @ (share**2 * _positive(scatter) + np.diag(prior_sigmas**-2)) @ inverse

@@ -293,8 +293,8 @@ def _fitted(
         other = used & ~half
         gain[other] = (before - views.cost(views.angles(_move(views, used & half, width))))[other]
     move = _move(views, used, width)
-    errors = _errors(views, move, used)
     angles = views.angles(np.zeros(6)), views.angles(move)
+    errors = _errors(views, move, angles[1], used)
     changed, samples = angles[1] - angles[0], used[views.blocks.block][None, :, None]
     there = (views.weight > 0) & samples & np.isfinite(changed)
     sigma, sigma_m = (errors.sigma(rows) for rows in (slice(0, 3), slice(3, 6)))
@@ -323,8 +323,13 @@ def _edges(
     return edges_as_good(cost_before[begin], cost_after[begin]), (middle + first, middle + last)
 
 
-def _errors(views: _Views, move: Float[np.ndarray, " 6"], used: Bool[np.ndarray, " block"]) -> MoveErrors:
-    angles, samples = views.angles(move), used[views.blocks.block][:, None]
+def _errors(
+    views: _Views,
+    move: Float[np.ndarray, " 6"],
+    angles: Float[np.ndarray, "other sample joint"],
+    used: Bool[np.ndarray, " block"],
+) -> MoveErrors:
+    samples = used[views.blocks.block][:, None]
     seen = Linearised(
         np.nan_to_num(angles),
         np.where(samples, reweighted(angles, views.weight, 1.0), 0.0),
