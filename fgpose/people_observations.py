@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.correspondences import NO_IMAGE, NOBODY, MatchedFrames, Seen, match_frames
+from fgpose.frozen import changed
 from fgpose.observations import (
     Observations,
     blanked,
@@ -70,7 +71,9 @@ class Detections(Shown):
             "covariance3d_m2": (*people_joints, 3, 3),
         }
         for name, shape in shapes.items():
-            self._check_shape(name, shape)
+            array = getattr(self, name)
+            if array is not None and np.shape(array) != shape:
+                raise ValueError(f"{self}: {name} must be {shape}, got {np.shape(array)}")
         if self.appearance is not None and (np.ndim(self.appearance) != 2 or len(self.appearance) != people_joints[0]):
             raise ValueError(f"{self}: appearance must be ({people_joints[0]}, any), got {np.shape(self.appearance)}")
         known = np.isfinite(points2d_px).all(axis=-1) & (confidence != 0)
@@ -92,13 +95,6 @@ class Detections(Shown):
         if not np.isfinite(time_s):
             raise ValueError(f"camera {self.camera}: the time of an image is not finite: {time_s}")
 
-    def _check_shape(self, name: str, shape: tuple[int, ...]) -> None:
-        array = getattr(self, name)
-        if array is None:
-            return
-        if np.shape(array) != shape:
-            raise ValueError(f"{self}: {name} must be {shape}, got {np.shape(array)}")
-
     def _refuse(self, bad: np.ndarray, what: str) -> None:
         if bad.any():
             person, joint, *_ = np.argwhere(bad)[0]
@@ -110,17 +106,11 @@ class Detections(Shown):
     def at(self, time_s: float) -> Detections:
         """The same in an image of another time. Raises ValueError if that is not finite."""
         self._check_time(time_s)
-        return self._changed(time_s=time_s)
+        return changed(self, time_s=time_s)
 
     def arriving(self, arrived_s: float) -> Detections:
         """The same, of which it is known when it came to this computer."""
-        return self._changed(arrived_s=arrived_s)
-
-    def _changed(self, **times_s: float) -> Detections:
-        # Not replace(): the arrays are not checked again, image by image, in a live loop.
-        changed = object.__new__(Detections)
-        changed.__dict__.update(self.__dict__, **times_s)
-        return changed
+        return changed(self, arrived_s=arrived_s)
 
     @property
     def n_people(self) -> int:

@@ -47,6 +47,7 @@ FLOORS = (
         "extensions",
         "finding",
         "freed_memory",
+        "frozen",
         "observations",
         "parameters",
         "people_observations",

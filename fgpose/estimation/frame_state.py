@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.estimation.evidence.delays import image_shift_px
-from fgpose.estimation.evidence.evidence import Evidence, changed
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.segment import FrameTime
+from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.trajectory import joint_status

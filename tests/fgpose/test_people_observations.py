@@ -68,6 +68,16 @@ def test_an_image_has_a_time():
         image(time_s=np.nan)
 
 
+def test_an_image_keeps_when_it_arrived_at_another_time():
+    image = Detections("a", 1.0, np.zeros((1, 2, 2)), np.ones((1, 2)))
+    assert image.arrived_s is image.at(2.0).arrived_s is None
+    moved = image.arriving(1.5).at(2.0)
+    assert (moved.time_s, moved.arrived_s) == (2.0, 1.5)
+    assert moved.points2d_px is image.points2d_px
+    with pytest.raises(ValueError, match="time of an image is not finite"):
+        image.at(np.inf)
+
+
 def test_images_are_in_the_order_of_time():
     images = (image("b", 0.1), image("a", 0.1), image("b", 0.0))
     observations = PeopleObservations(BODY, ("a", "b"), images)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,10 +12,9 @@ from jaxtyping import Bool, Float, Int
 from fgpose.estimation.evidence.delays import image_shift_px
 from fgpose.estimation.evidence.detection_bias import Bias
 from fgpose.estimation.evidence.presence import present
+from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.vectors import norm
-
-Frozen = TypeVar("Frozen")
 
 # By frame and joint, and by frame, camera and joint; other arrays are of frames as a whole.
 _OF_JOINTS = (
@@ -309,14 +307,6 @@ class Evidence:
                 for name, array in self.arrays.items()
             }
         )
-
-
-def changed(frozen: Frozen, **values: object) -> Frozen:
-    """dataclasses.replace, in a third of the time: for classes of many fields that check none."""
-    own, other = vars(frozen), object.__new__(type(frozen))
-    assert values.keys() <= own.keys()
-    vars(other).update({name: own[name] for name in vars(type(frozen))["__dataclass_fields__"]} | values)
-    return other
 
 
 def is_same_in_all_frames(array: np.ndarray) -> bool:

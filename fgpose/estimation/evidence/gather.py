@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config, DepthConfig, FusionConfig
 from fgpose.estimation.evidence.credibility import credible
 from fgpose.estimation.evidence.delays import by_mean_clock, delays_s
-from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, changed, is_same_in_all_frames
+from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, is_same_in_all_frames
 from fgpose.estimation.evidence.fusion import fuse_undistorted
 from fgpose.estimation.evidence.plausibility import (
     Bodies,
@@ -23,6 +23,7 @@ from fgpose.estimation.evidence.plausibility import (
     without_clipped,
 )
 from fgpose.estimation.evidence.weights import detection_weights
+from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.geometry.per_view.view_depth import RELATIVE_SIGMA, ViewDepth

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import changed, concatenated
+from fgpose.estimation.evidence.evidence import concatenated
 from fgpose.estimation.factors.state import BatchState
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
@@ -21,6 +21,7 @@ from fgpose.estimation.solvers.block_tridiagonal import BlockTridiagonal
 from fgpose.estimation.solvers.forward_pass import Conditional, ForwardPass, pose_of, unknowns_of
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations, position_blocks
+from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import TIME_ROUNDING_S
 

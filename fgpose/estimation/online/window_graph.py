@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import changed
 from fgpose.estimation.factors.kinds import factors_of
 from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.frame_state import FrameState
@@ -18,6 +17,7 @@ from fgpose.estimation.keys import position_key
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.segment import Predecessor, Segment
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
+from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose_factors import freeze, noise_model
 

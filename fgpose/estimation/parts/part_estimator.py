@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config
 from fgpose.estimation.estimates import Estimates
 from fgpose.estimation.evidence.credibility import RunningCredibility
-from fgpose.estimation.evidence.evidence import Evidence, changed, concatenated
+from fgpose.estimation.evidence.evidence import Evidence, concatenated
 from fgpose.estimation.evidence.gather import gather_frame
 from fgpose.estimation.evidence.images import corrected, fits_better
 from fgpose.estimation.evidence.plausibility import Bodies, RunningPlausibility
@@ -27,6 +27,7 @@ from fgpose.estimation.parts.holder import Holder
 from fgpose.estimation.solvers.block_tridiagonal import blas_libraries, one_blas_thread
 from fgpose.estimation.visibility.running_visibility import Filtered, RunningVisibility
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
+from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.vectors import norm
 from fgpose.observations import Observations

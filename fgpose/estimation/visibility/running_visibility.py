@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import Bias, RunningBias
-from fgpose.estimation.evidence.evidence import Evidence, changed
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.noise import LEARNED_EVERY_S
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
@@ -24,6 +24,7 @@ from fgpose.estimation.visibility.visibility import (
     within_timing_m,
 )
 from fgpose.estimation.visibility.visibility_chain import Chain, Stays
+from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.vectors import norm
 from fgpose.sampling import TIME_ROUNDING_S

@@ -14,12 +14,13 @@ from jaxtyping import Float
 
 from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence.detection_bias import ResidualSums
-from fgpose.estimation.evidence.evidence import PROBABLE, Evidence, changed
+from fgpose.estimation.evidence.evidence import PROBABLE, Evidence
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.visibility.agreement import Agreement
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, hidden_information
 from fgpose.estimation.visibility.spread import graph_sigma_px, spread_m_of
 from fgpose.estimation.visibility.visibility_chain import Chain, Stays
+from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.vectors import norm
 from fgpose.sampling import usual_step_s
