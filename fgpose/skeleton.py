@@ -18,6 +18,7 @@ CONTROL = re.compile("[\x00-\x1f\x7f\x85\u2028\u2029]")
 """What would make several cells or lines of a name in a file."""
 LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
 """The four limb pairs of the paper's symmetry cost (eq. 4)."""
+_SMALL_LINKAGE = 8  # joints: to halve such a set saves less than what each set costs
 
 
 @dataclass(frozen=True)
@@ -269,6 +270,25 @@ class Skeleton(Shown):
         for bone, length in zip(self.bones, self.length_of_bone, strict=True):
             first.setdefault(length, self.bone_name(bone))
         return tuple(first[length] for length in sorted(first))
+
+    @cached_property
+    def linkages(self) -> tuple[tuple[int, ...], ...]:
+        """All joints in sets, as arms, legs and face of BlazePose: neither a bone nor a limb pair has joints of two.
+        Small ones are put together, unless the set became larger than the largest."""
+        linked = {frozenset((joint,)) for joint in range(self.n_joints)}
+        for joined in (*self.bones, *(left + right for left, right in self.limb_pairs)):
+            touched = {joints for joints in linked if not joints.isdisjoint(joined)}
+            linked = linked - touched | {frozenset[int]().union(*touched)}
+        most = max(_SMALL_LINKAGE, *(len(joints) for joints in linked))
+        together: list[list[int]] = []
+        for joints in sorted(linked, key=lambda joints: (-len(joints), min(joints))):
+            with_room = (others for others in together if len(others) + len(joints) <= most)
+            others = next(with_room, None)
+            if others is None:
+                together.append(list(joints))
+            else:
+                others += joints
+        return tuple(tuple(sorted(joints)) for joints in together)
 
     @cached_property
     def neighbours(self) -> tuple[tuple[int, ...], ...]:

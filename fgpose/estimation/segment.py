@@ -35,11 +35,41 @@ class Predecessor:
 
 
 @dataclass(frozen=True, eq=False)
+class LinkageBlocks:
+    """A matrix of the unknowns of all joints in a frame: its blocks within each of the skeleton's linkages, whose
+    unknowns are ordered by joint, axis and kind."""
+
+    linkages: tuple[tuple[int, ...], ...]
+    blocks: tuple[Float[np.ndarray, "_ _"], ...]
+
+    def times(self, unknowns: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
+        """The product with a vector of the unknowns, linkage by linkage; nothing is between them."""
+        product, first = np.empty_like(unknowns), 0
+        for block in self.blocks:
+            own = slice(first, first := first + len(block))
+            np.matmul(block, unknowns[own], out=product[own])
+        return product
+
+    def of_positions(self) -> Float[np.ndarray, "joint 3 3"]:
+        """Of each position alone."""
+        of_positions = np.empty((sum(len(joints) for joints in self.linkages), 3, 3))
+        for joints, block in zip(map(list, self.linkages), self.blocks, strict=True):
+            of_positions[joints] = position_blocks(block, len(joints))
+        return of_positions
+
+
+def position_blocks(matrix: Float[np.ndarray, "unknown unknown"], n_joints: int) -> Float[np.ndarray, "joint 3 3"]:
+    """Of each position alone, in a matrix of the unknowns of a frame."""
+    n_kinds = len(matrix) // (3 * n_joints) if n_joints else 1
+    return np.einsum("jajb->jab", matrix[::n_kinds, ::n_kinds].reshape(n_joints, 3, n_joints, 3))
+
+
+@dataclass(frozen=True, eq=False)
 class Marginal:
     """What the frames before a segment tell about the joints that motion links to its first frame: a quadratic cost of
     the unknowns of all joints of the skeleton; zero for those that are not linked."""
 
-    information: Float[np.ndarray, "joint 3 kind joint 3 kind"]
+    information: LinkageBlocks
     gradient: Float[np.ndarray, "kind joint 3"]
     """At `around`."""
     around: Float[np.ndarray, "kind joint 3"]
@@ -116,6 +146,13 @@ class Segment:
         slots = np.full(self.skeleton.n_joints, -1)
         slots[self.joints] = np.arange(len(self.joints))
         return slots
+
+    @cached_property
+    def linkages(self) -> tuple[Int[np.ndarray, " own"], ...]:
+        """The slots of each of the skeleton's linkages, of those of its joints that are estimated in some frame. Only
+        lengths have to do with joints of several."""
+        slots = [self.slots[list(joints)] for joints in self.skeleton.linkages]
+        return tuple(of_linkage[of_linkage >= 0] for of_linkage in slots)
 
     @cached_property
     def keys(self) -> Keys:

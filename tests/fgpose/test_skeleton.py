@@ -294,3 +294,35 @@ fgpose.Observations("coko_17", time_s, points_px)
 """
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert run.stderr.splitlines()[-1].startswith("ValueError: no skeleton 'coko_17': did you mean coco_17? There are")
+
+
+def test_no_bone_leads_out_of_a_linkage(builtin: Skeleton) -> None:
+    number = {joint: at for at, joints in enumerate(builtin.linkages) for joint in joints}
+    assert sorted(joint for joints in builtin.linkages for joint in joints) == list(range(builtin.n_joints))
+    assert all(number[a] == number[b] for a, b in builtin.bones)
+    assert all(list(joints) == sorted(joints) for joints in builtin.linkages)
+
+
+def test_linkages_of_blazepose_are_arms_face_and_legs() -> None:
+    skeleton = load_skeleton("blazepose_33")
+    arms, face, legs = ({skeleton.joints[joint] for joint in joints} for joints in skeleton.linkages)
+    assert {"left_wrist", "right_thumb"} < arms
+    assert {"nose", "left_ear", "right_mouth"} < face
+    assert {"left_hip", "right_foot_index"} < legs
+
+
+def test_small_linkages_are_put_together() -> None:
+    """Joints without bones would otherwise each be a set, and each set costs calls."""
+    loose = Skeleton("loose", [f"joint_{number}" for number in range(20)], [], 0)
+    assert [len(joints) for joints in loose.linkages] == [8, 8, 4]
+    chain = Skeleton("chain", loose.joints, [(number, number + 1) for number in range(11)], 0)
+    assert [len(joints) for joints in chain.linkages] == [12, 8]
+
+
+def test_a_limb_pair_is_in_one_linkage() -> None:
+    """Symmetry of each frame joins arms that no bone joins."""
+    names = [f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist", "hand", "tip")]
+    bones = [(first + number, first + number + 1) for first in (0, 5) for number in range(4)]
+    mirrored = [(joint, joint + 5) for joint in range(5)]
+    assert len(Skeleton("arms", names, bones, 0, mirrored).linkages) == 2
+    assert len(Skeleton("arms", names, bones, 0, mirrored, limbs=[(0, 1)]).linkages) == 1

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.estimation.factors.joint_rows import JointRows
-from fgpose.estimation.factors.state import BatchState, Information
+from fgpose.estimation.factors.state import BatchState, Information, summed
 from fgpose.estimation.segment import Segment
 from fgpose_factors import bone_length_and_direction, noise_model, shared_bone_length_factor, shared_length_residual
 
@@ -49,9 +49,9 @@ class SharedLengths(JointRows):
         stiffness = np.divide(excess_m, distance_m * self.sigma_m**2, out=np.zeros_like(excess_m), where=taut)
         along = direction[..., :, None] * direction[..., None, :]
         across = stiffness[..., None, None] * (np.eye(3) - along)
-        for row, (a, b) in enumerate(zip(start.tolist(), end.tolist(), strict=True)):
-            for one, other, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
-                information.positions[:, one, :, other] += sign * across[:, row]
+        for one, other in ((start, end), (end, start)):
+            information.single_positions[:] += summed(across, one, information.n_slots)
+            information.add_between_positions(one, other, -across)
 
     def factor(self, keys: Sequence[int], row: int) -> gtsam.NonlinearFactor:
         start, end, length = keys

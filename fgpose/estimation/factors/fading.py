@@ -72,9 +72,7 @@ class Fading:
         of_velocity = information.single_axes[:, 1, 1]
         of_velocity[self.frame, self.slot] += self._precision[:, None]
         np.add.at(of_velocity, (frame, reference), precision[:, None])
-        for axis in range(3):
-            information.frames[frame, slot, axis, 1, reference, axis, 1] -= precision
-            information.frames[frame, reference, axis, 1, slot, axis, 1] -= precision
+        information.add_between_velocities(frame, slot, reference, -precision)
 
     @cached_property
     def _precision(self) -> Float[np.ndarray, " row"]:

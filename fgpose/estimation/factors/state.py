@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar, cast
 
@@ -29,32 +29,77 @@ class BatchState:
 
 
 class Information:
-    """Gauss-Newton's information matrix of a cost around a state. A frame's unknowns are ordered by joint, axis, kind.
+    """Gauss-Newton's information matrix of a cost around a state, within each linkage: no factor joins two of them
+    (Segment.linkages). Unknowns are ordered by joint, axis, kind.
 
     Args:
-        frames: zeros to add to; given because it is by far the largest array of a run.
+        linkages: the slots of each.
+        frames: of each, zeros to add to; given because they are by far the largest arrays of a run.
         n_lengths: how many lengths there are.
     """
 
-    def __init__(self, frames: Float[np.ndarray, "frame joint 3 kind joint 3 kind"], n_lengths: int) -> None:
-        self.frames = frames
-        self.border = np.zeros((*frames.shape[:4], n_lengths))
+    def __init__(
+        self,
+        linkages: Sequence[Int[np.ndarray, " _"]],
+        frames: Sequence[Float[np.ndarray, "frame _ 3 kind _ 3 kind"]],
+        n_lengths: int,
+    ) -> None:
+        self.linkages, self.frames = linkages, frames
+        self.n_slots = sum(len(slots) for slots in linkages)
+        n_frames, _, _, n_kinds = frames[0].shape[:4]
+        self.single: Float[np.ndarray, "frame slot 3 kind 3 kind"] = np.zeros(
+            (n_frames, self.n_slots, *2 * (3, n_kinds))
+        )
+        """Of each joint alone, as far as it is not in frames yet: see spread."""
+        self.border = np.zeros((n_frames, self.n_slots, 3, n_kinds, n_lengths))
         self.corner = np.zeros((n_lengths, n_lengths))
+        self._linkage, self._place = np.empty((2, self.n_slots), dtype=int)
+        for number, slots in enumerate(linkages):
+            self._linkage[slots], self._place[slots] = number, np.arange(len(slots))
 
     @property
-    def positions(self) -> Float[np.ndarray, "frame joint 3 joint 3"]:
-        """Of the positions of a frame; a view."""
-        return self.frames[:, :, :, 0, :, :, 0]
-
-    @property
-    def single_positions(self) -> Float[np.ndarray, "frame joint 3 3"]:
+    def single_positions(self) -> Float[np.ndarray, "frame slot 3 3"]:
         """Of each position alone; a view."""
-        return np.einsum("tjajb->tjab", self.positions)
+        return self.single[:, :, :, 0, :, 0]
 
     @property
-    def single_axes(self) -> Float[np.ndarray, "frame kind kind joint 3"]:
+    def single_axes(self) -> Float[np.ndarray, "frame kind kind slot 3"]:
         """Between the kinds of one joint along one axis; a view."""
-        return np.einsum("tjakjal->tklja", self.frames)
+        return np.einsum("tjakal->tklja", self.single)
+
+    @property
+    def single_unknowns(self) -> Float[np.ndarray, "frame kind slot 3"]:
+        """Of each unknown alone; a view."""
+        return np.einsum("tjakak->tkja", self.single)
+
+    def spread(self) -> None:
+        """Add what there is of each joint alone to frames. Once for all kinds of factors: each linkage costs calls."""
+        for frames, slots in zip(self.frames, self.linkages, strict=True):
+            np.einsum("tjakjbl->tjakbl", frames)[:] += self.single[:, slots]
+        self.single[:] = 0.0
+
+    def add_between_positions(
+        self, one: Int[np.ndarray, " row"], other: Int[np.ndarray, " row"], blocks: Float[np.ndarray, "frame row 3 3"]
+    ) -> None:
+        """Of the position of one joint, in the rows of the matrix, and that of another one, in its columns; no two
+        blocks may be of the same two."""
+        for frames, rows in self._within(one):
+            at, across = self._place[one[rows]], self._place[other[rows]]
+            frames[:, at, :, 0, across, :, 0] += blocks[:, rows].swapaxes(0, 1)
+
+    def add_between_velocities(
+        self,
+        frame: Int[np.ndarray, " row"],
+        one: Int[np.ndarray, " row"],
+        other: Int[np.ndarray, " row"],
+        values: Float[np.ndarray, " row"],
+    ) -> None:
+        """Along every axis, of two joints in a frame; on both sides of the diagonal."""
+        for frames, rows in self._within(one):
+            at, across = self._place[one[rows]], self._place[other[rows]]
+            for axis in range(3):
+                frames[frame[rows], at, axis, 1, across, axis, 1] += values[rows]
+                frames[frame[rows], across, axis, 1, at, axis, 1] += values[rows]
 
     def add_rows(
         self, joints: Sequence[Int[np.ndarray, " row"]], jacobians: Sequence[Float[np.ndarray, "frame row 3"]]
@@ -67,9 +112,19 @@ class Information:
             for second, by_second in zip(joints, jacobians, strict=True):
                 product = by_first[..., :, None] * by_second[..., None, :]
                 if first is second:
-                    self.single_positions[:] += summed(product, first, self.frames.shape[1])
+                    self.single_positions[:] += summed(product, first, self.n_slots)
                 else:
-                    self.positions[:, first, :, second] += product.swapaxes(0, 1)
+                    self.add_between_positions(first, second, product)
+
+    def _within(
+        self, slots: Int[np.ndarray, " row"]
+    ) -> Iterator[tuple[Float[np.ndarray, "frame own 3 kind own 3 kind"], Int[np.ndarray, " own_row"]]]:
+        """Each linkage with the rows whose joints are in it."""
+        linkage = self._linkage[slots]
+        for number, frames in enumerate(self.frames):
+            rows = np.flatnonzero(linkage == number)
+            if rows.size:
+                yield frames, rows
 
 
 def summed(

@@ -16,11 +16,11 @@ from fgpose.estimation.evidence.evidence import concatenated
 from fgpose.estimation.factors.state import BatchState
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
-from fgpose.estimation.segment import Marginal, Predecessor, Segment
+from fgpose.estimation.segment import LinkageBlocks, Marginal, Predecessor, Segment
 from fgpose.estimation.solvers.block_tridiagonal import BlockTridiagonal
 from fgpose.estimation.solvers.forward_pass import Conditional, ForwardPass, pose_of, unknowns_of
 from fgpose.estimation.solvers.levenberg_marquardt import Search
-from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations, position_blocks
+from fgpose.estimation.solvers.normal_equations import Factorized, NormalEquations
 from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import TIME_ROUNDING_S
@@ -58,7 +58,7 @@ class _Solved:
         """Over the frames from the first on."""
         return ForwardPass(self.problem, self.search.state, self._matrix)
 
-    def covariances(self) -> Iterator[Float[np.ndarray, "unknown unknown"]]:
+    def covariances(self) -> Iterator[LinkageBlocks]:
         """See NormalEquations."""
         return self.problem.covariances(self._matrix)
 
@@ -130,15 +130,15 @@ class WindowEquations:
         """Of a frame that is so many before those that are solved."""
         known, n_kinds = self._earlier_poses, len(self._poses[0])
         while len(known) < n_before:
-            next_pose = known[-1] if known else unknowns_of(self._poses[0])
+            next_pose = known[-1] if known else unknowns_of(self._poses[0], self._linkages)
             known.append(self._eliminated[-1 - len(known)].conditional.given(next_pose))
-        return pose_of(known[n_before - 1], n_kinds)
+        return pose_of(known[n_before - 1], n_kinds, self._linkages)
 
     def covariances_m2(self, newest: FrameState) -> Float[np.ndarray, "active_joint 3 3"]:
         """Marginal covariance of each position of the newest frame."""
         if self._solved is None:
             return np.zeros((0, 3, 3))
-        return _of_positions(next(self._solved.covariances()), newest)
+        return next(self._solved.covariances()).of_positions()[newest.active]
 
     def lagged_covariances_m2(self, oldest: FrameState) -> Float[np.ndarray, "active_joint 3 3"]:
         """The same of the oldest frame."""
@@ -147,15 +147,15 @@ class WindowEquations:
         covariance = next(islice(self._solved.covariances(), len(self._frames) - 1, None))
         for each in reversed(self._eliminated):
             covariance = each.conditional.marginal(covariance)
-        return _of_positions(covariance, oldest)
+        return covariance.of_positions()[oldest.active]
 
     def _change(self, changes: Mapping[int, FrameState]) -> None:
         """Take the evidence of frames."""
         while changes and min(changes) < len(self._eliminated):
             again = self._eliminated.pop()
             self._frames.appendleft(again.state)
-            pose = again.conditional.given(unknowns_of(self._poses[0]))
-            self._poses.appendleft(pose_of(pose, len(self._poses[0])))
+            pose = again.conditional.given(unknowns_of(self._poses[0], self._linkages))
+            self._poses.appendleft(pose_of(pose, len(self._poses[0]), self._linkages))
             self._marginal = again.marginal
         for at, state in changes.items():
             number = at - len(self._eliminated)
@@ -190,10 +190,14 @@ class WindowEquations:
         state, pose, marginal = self._frames.popleft(), self._poses.popleft(), self._marginal
         self._earlier_poses = []
         if self._solved is None:
-            self._marginal, conditional = None, Conditional.of_nobody(unknowns_of(pose))
+            self._marginal, conditional = None, Conditional.of_nobody(pose, state.observations.skeleton.linkages)
         else:
             self._marginal, conditional = self._solved.forward.eliminate()
         self._eliminated.append(_Eliminated(state, marginal, conditional))
+
+    @property
+    def _linkages(self) -> tuple[tuple[int, ...], ...]:
+        return self._frames[-1].observations.skeleton.linkages
 
     def _segment(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Segment:
         """Of the frames that are solved, from these positions on."""
@@ -220,10 +224,3 @@ class WindowEquations:
         kinds = [state.positions_m, state.velocities_mps]
         pose = np.array(kinds if self._config.motion.model == "constant_velocity" else kinds[:1])
         return np.where(state.active[:, None], pose, 0.0)
-
-
-def _of_positions(
-    covariance: Float[np.ndarray, "unknown unknown"], state: FrameState
-) -> Float[np.ndarray, "active_joint 3 3"]:
-    """Of each position alone."""
-    return position_blocks(covariance, len(state.active))[state.active]

@@ -2,13 +2,14 @@
 
 The unknowns of a frame are ordered so that those which are coupled over time are neighbours. Then the matrix is a band
 that is hardly wider than a block, and one call of LAPACK factorises it: to eliminate frame after frame takes twice as
-long. The diagonal blocks of the inverse follow backwards from the factors (Asif and Moura 2005, "Block matrices with
-L-block-banded inverse").
+long. Sets of unknowns that only the shared ones couple come one after the other, each with all of its frames: the band
+is then hardly wider than the largest of them, and time grows with the square of its width. The diagonal blocks of the
+inverse follow backwards from the factors (Asif and Moura 2005, "Block matrices with L-block-banded inverse").
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 
@@ -44,6 +45,8 @@ def _lapack(name: str) -> Callable[..., tuple[np.ndarray, int]]:
 
 def _inverse_from(factor: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "size size"]:
     """The inverse of L L^T, given L."""
+    if not len(factor):
+        return np.zeros_like(factor)
     lower, _ = _lapack("potri")(factor.copy(order="F"), lower=1, overwrite_c=1)
     inverse = lower.T
     np.copyto(inverse, lower, where=_below_diagonal(len(lower)))
@@ -51,9 +54,9 @@ def _inverse_from(factor: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "
 
 
 @cache
-def _below_block(size: int, n_kinds: int) -> Bool[np.ndarray, "size row"]:
+def _below_block(size: int, n_rows: int) -> Bool[np.ndarray, "size row"]:
     """Where the columns of a frame (see Band) go on below its block."""
-    return np.arange(size)[:, None] + np.arange(size + n_kinds) >= size
+    return np.arange(size)[:, None] + np.arange(n_rows) >= size
 
 
 @cache
@@ -62,31 +65,43 @@ def _below_diagonal(size: int) -> Bool[np.ndarray, "size size"]:
 
 
 class Band:
-    """Lower half of a symmetric matrix over frames, as LAPACK stores a band: below every diagonal entry the rest of its
-    column. Frames are coupled between kinds of the same unknown only.
+    """Lower half of a symmetric matrix over sets of unknowns and their frames, as LAPACK stores a band: below every
+    diagonal entry the rest of its column. Sets are not coupled, and frames between kinds of the same unknown only.
 
     Args:
-        n_frames, n_unknowns, n_kinds: a frame has every unknown of every kind, ordered by unknown, then kind.
+        n_frames, n_unknowns, n_kinds: in a frame a set has so many unknowns, each of every kind; ordered by unknown,
+            then kind. A set may be empty, but not all.
     """
 
-    def __init__(self, n_frames: int, n_unknowns: int, n_kinds: int) -> None:
-        self.size, self._n_kinds = n_unknowns * n_kinds, n_kinds
-        self.columns: Float[np.ndarray, "frame size row"] = np.zeros((n_frames, self.size, self.size + n_kinds))
+    def __init__(self, n_frames: int, n_unknowns: Sequence[int], n_kinds: int) -> None:
+        self.sizes = tuple(n_kinds * each for each in n_unknowns)
+        ends = np.cumsum([n_frames * size for size in self.sizes]).tolist()
+        self.spans = tuple(slice(end - n_frames * size, end) for end, size in zip(ends, self.sizes, strict=True))
+        """The columns of each set."""
+        self.columns: Float[np.ndarray, "unknown row"] = np.zeros((ends[-1], max(self.sizes) + n_kinds))
+        self.n_frames, self._n_kinds = n_frames, n_kinds
 
-    @property
-    def diagonal(self) -> Float[np.ndarray, "frame size size"]:
-        """A view of the frames' blocks. What is written above their diagonals ends in rows that couple fills anew."""
-        frame, column, row = self.columns.strides
-        shape, strides = (len(self.columns), self.size, self.size), (frame, row, column - row)
-        return np.ndarray(shape, float, self.columns, strides=strides)  # as_strided takes ten times as long
+    def diagonal(self, number: int) -> Float[np.ndarray, "frame size size"]:
+        """A view of the blocks of a set. What is written above their diagonals ends in rows that couple fills anew."""
+        size, (column, row) = self.sizes[number], self.columns.strides
+        shape, strides = (self.n_frames, size, size), (size * column, row, column - row)
+        # as_strided takes ten times as long. Views are not kept: of a copy they would be those of the original.
+        return np.ndarray(shape, float, self.columns[self.spans[number]], strides=strides)
 
-    def couple(self, coupling: Float[np.ndarray, "step unknown kind kind"]) -> None:
-        """Set what is between each frame and the next, by kind: row of the earlier frame, column of the later one."""
-        size, kinds = self.size, self._n_kinds
-        np.copyto(self.columns, 0.0, where=_below_block(size, kinds))
-        by_kind = self.columns.reshape(len(self.columns), -1, kinds, size + kinds)
-        for kind in range(kinds):
-            by_kind[:-1, :, kind, size - kind : size - kind + kinds] = coupling[:, :, kind]
+    def couple(self, couplings: Sequence[Float[np.ndarray, "step _ kind kind"]]) -> None:
+        """Set what is between each frame and the next, by set and kind: row of the earlier frame, column of the later
+        one."""
+        kinds, n_rows = self._n_kinds, self.columns.shape[1]
+        for size, span, coupling in zip(self.sizes, self.spans, couplings, strict=True):
+            columns = self.columns[span].reshape(self.n_frames, size, n_rows)
+            np.copyto(columns, 0.0, where=_below_block(size, n_rows))
+            by_kind = columns.reshape(self.n_frames, size // kinds, kinds, n_rows)
+            for kind in range(kinds if size else 0):
+                by_kind[:-1, :, kind, size - kind : size - kind + kinds] = coupling[:, :, kind]
+
+    def frame_of(self, column: int) -> int:
+        number, span = next((n, span) for n, span in enumerate(self.spans) if column < span.stop)
+        return (column - span.start) // self.sizes[number]
 
 
 class BlockTridiagonal:
@@ -96,8 +111,8 @@ class BlockTridiagonal:
 
     Args:
         band: of the frames, with the diagonal blocks only; overwritten, for it is the largest array of a run.
-        coupling: between each frame and the next (Band.couple).
-        border: columns of the shared unknowns.
+        couplings: of each set, between each frame and the next (Band.couple).
+        border: columns of the shared unknowns; its rows, as all unknowns of the frames, in the order of the band.
         corner: block of the shared unknowns.
 
     Raises:
@@ -107,69 +122,88 @@ class BlockTridiagonal:
     def __init__(
         self,
         band: Band,
-        coupling: Float[np.ndarray, "step unknown kind kind"],
-        border: Float[np.ndarray, "frame size shared"],
+        couplings: Sequence[Float[np.ndarray, "step _ kind kind"]],
+        border: Float[np.ndarray, "unknown shared"],
         corner: Float[np.ndarray, "shared shared"],
     ) -> None:
-        band.couple(coupling)
-        self._band, self._coupling = band, coupling
-        self._factor = band.columns.reshape(-1, band.columns.shape[-1]).T
+        band.couple(couplings)
+        self._band, self._couplings = band, couplings
+        self._factor = band.columns.T
         _, failed = _lapack("pbtrf")(self._factor, lower=1, overwrite_ab=1)
         if failed:
-            raise np.linalg.LinAlgError(f"the unknowns of frame {(failed - 1) // band.size} are indeterminate")
-        self._border = self._halfway(border.reshape(self._factor.shape[1], len(corner)))
+            raise np.linalg.LinAlgError(f"the unknowns of frame {band.frame_of(failed - 1)} are indeterminate")
+        self._border = self._of_border(border, "N")
         self.shared_covariance = np.linalg.inv(corner - self._border.T @ self._border)
         if (np.diag(self.shared_covariance) < 0).any():
             raise np.linalg.LinAlgError("the shared unknowns are indeterminate")
 
     def solve(
-        self, frames: Float[np.ndarray, "frame size"], shared: Float[np.ndarray, " shared"]
-    ) -> tuple[Float[np.ndarray, "frame size"], Float[np.ndarray, " shared"]]:
+        self, frames: Float[np.ndarray, " unknown"], shared: Float[np.ndarray, " shared"]
+    ) -> tuple[Float[np.ndarray, " unknown"], Float[np.ndarray, " shared"]]:
         """Solution for this right-hand side."""
-        reduced = self._halfway(frames.reshape(-1, 1))
+        reduced = self._triangular(frames[:, None], "N")
         solved = self.shared_covariance @ (shared - self._border.T @ reduced[:, 0])
-        return self._back(reduced - (self._border @ solved)[:, None]).reshape(frames.shape), solved
+        return self._triangular(reduced - (self._border @ solved)[:, None], "T")[:, 0], solved
 
-    def shared_responses(self) -> Float[np.ndarray, "frame size shared"]:
+    def shared_responses(self) -> Float[np.ndarray, "unknown shared"]:
         """The inverse between the unknowns of the frames and the shared ones: their covariance, if this is an
         information matrix."""
-        responses = -self._back(self._border) @ self.shared_covariance
-        return responses.reshape(len(self._band.diagonal), self._band.size, len(self.shared_covariance))
+        return -self._of_border(self._border, "T") @ self.shared_covariance
 
-    def inverse_blocks(self) -> Iterator[Float[np.ndarray, "size size"]]:
-        """Diagonal blocks of the inverse, from the last frame to the first: the marginal covariance of each frame, if
-        this is an information matrix.
+    def inverse_blocks(self) -> Iterator[tuple[Float[np.ndarray, "size size"], ...]]:
+        """Diagonal blocks of the inverse, of each set, from the last frame to the first: the marginal covariance of the
+        set in each frame, if this is an information matrix.
 
         With W_t the inverse of frame t's information given all earlier frames, Sigma_t = W_t + G_t Sigma_{t+1} G_t^T
         with G_t = W_t U_t; then what the shared unknowns add.
         """
-        factors, size = self._band.diagonal, self._band.size
-        responses = self._back(self._border).reshape(len(factors), size, len(self.shared_covariance))
+        responses = self._of_border(self._border, "T")
+        return zip(
+            *(self._blocks_of(number, responses[span]) for number, span in enumerate(self._band.spans)), strict=True
+        )
+
+    def _blocks_of(
+        self, number: int, responses: Float[np.ndarray, "unknown shared"]
+    ) -> Iterator[Float[np.ndarray, "size size"]]:
+        """Of one set."""
+        n_frames, size, coupling = self._band.n_frames, self._band.sizes[number], self._couplings[number]
+        used = np.flatnonzero(responses.any(axis=0))
+        by_frame, shared = (
+            responses[:, used].reshape(n_frames, size, len(used)),
+            self.shared_covariance[np.ix_(used, used)],
+        )
         later = np.zeros((size, size))
-        for t in reversed(range(len(factors))):
-            block = self.inverse_given_next(t)
-            if t < len(self._coupling):
-                by_kind = block.reshape(*self._coupling.shape[1:3], size)
-                gain_transposed = (self._coupling[t].swapaxes(1, 2) @ by_kind).reshape(size, size)
+        for t in reversed(range(n_frames)):
+            block = self.inverse_given_next(t, number)
+            if t < len(coupling):
+                by_kind = block.reshape(*coupling.shape[1:3], size)
+                gain_transposed = (coupling[t].swapaxes(1, 2) @ by_kind).reshape(size, size)
                 block += gain_transposed.T @ later @ gain_transposed
             later = block
-            yield block + responses[t] @ self.shared_covariance @ responses[t].T
+            yield block + by_frame[t] @ shared @ by_frame[t].T
 
-    def inverse_given_next(self, t: int) -> Float[np.ndarray, "size size"]:
-        """Of the information on a frame that it and all earlier ones have, its motion to the next one included: its
-        covariance, given the next one. The shared unknowns are held."""
-        return _inverse_from(self._band.diagonal[t])
+    def inverse_given_next(self, t: int, number: int) -> Float[np.ndarray, "size size"]:
+        """Of the information on a set in a frame that this and all earlier ones have, its motion to the next one
+        included: its covariance, given the next one. The shared unknowns are held."""
+        return _inverse_from(self._band.diagonal(number)[t])
 
-    def _halfway(self, columns: Float[np.ndarray, "unknown column"]) -> Float[np.ndarray, "unknown column"]:
-        """L^{-1} x, with the matrix L L^T of the frames."""
-        return self._triangular(columns, "N")
+    def _of_border(
+        self, border: Float[np.ndarray, "unknown shared"], trans: str
+    ) -> Float[np.ndarray, "unknown shared"]:
+        """Of each set only the columns that are not zero: most of the shared unknowns are those of one set."""
+        if not border.any():  # as where the shared unknowns are held
+            return border
+        solved = np.zeros_like(border)
+        for span in self._band.spans:
+            used = np.flatnonzero(border[span].any(axis=0))
+            solved[span, used] = self._triangular(border[span][:, used], trans, span)
+        return solved
 
-    def _back(self, columns: Float[np.ndarray, "unknown column"]) -> Float[np.ndarray, "unknown column"]:
-        """L^{-T} x."""
-        return self._triangular(columns, "T")
-
-    def _triangular(self, columns: np.ndarray, trans: str) -> np.ndarray:
-        if not columns.any():  # as where the shared unknowns are held; and LAPACK does not take none
+    def _triangular(
+        self, columns: Float[np.ndarray, "unknown column"], trans: str, span: slice = slice(None)
+    ) -> Float[np.ndarray, "unknown column"]:
+        """L^{-1} x ("N") or L^{-T} x ("T"), with the matrix L L^T of the frames, or of one set."""
+        if not columns.any():  # LAPACK does not take none
             return columns
-        solved, _ = _lapack("tbtrs")(self._factor, columns, uplo="L", trans=trans)
+        solved, _ = _lapack("tbtrs")(self._factor[:, span], columns, uplo="L", trans=trans)
         return solved

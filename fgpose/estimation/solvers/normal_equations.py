@@ -7,13 +7,13 @@ every factor separately, which takes several times as long for a graph as regula
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fgpose.estimation.factors.bone_length import SharedLengths
 from fgpose.estimation.factors.joint_rows import JointRows
@@ -22,7 +22,7 @@ from fgpose.estimation.factors.marginal import Marginals
 from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.factors.projection import Projections
 from fgpose.estimation.factors.state import BatchState, Information
-from fgpose.estimation.segment import Segment
+from fgpose.estimation.segment import LinkageBlocks, Segment, position_blocks
 from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
 from fgpose.geometry.vectors import norm
 
@@ -48,12 +48,14 @@ class NormalEquations:
         self._factors: list[Cost] = [*factors_of(segment), *Marginals.of(segment)]
         # Only motion couples frames.
         self.motions = next(factors for factors in self._factors if isinstance(factors, Motions))
-        strength = np.repeat(self.motions.strength, 3, axis=1)
-        self._coupling = strength[..., None, None] * self.motions.coupling[:, None]
+        self.linkages = segment.linkages
+        strength = (np.repeat(self.motions.strength[:, slots], 3, axis=1) for slots in self.linkages)
+        self._couplings = [each[..., None, None] * self.motions.coupling[:, None] for each in strength]
         n_frames, n_kinds, n_slots = len(segment.active), 1 + segment.with_velocity, len(segment.joints)
         # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
-        self._band = Band(n_frames, 3 * n_slots, n_kinds)
+        self._band = Band(n_frames, [3 * len(slots) for slots in self.linkages], n_kinds)
         self._shape = n_frames, n_kinds, n_slots, 3
+        self._order = Order.of(self._shape, self.linkages)
         self.step_tolerance = segment.config.solver.step_tolerance_m
 
     def initial(self) -> BatchState:
@@ -112,32 +114,35 @@ class NormalEquations:
 
         The factorisation of the state before is overwritten.
         """
-        information = self._information(state)
-        for factors in self._factors:
-            if isinstance(factors, SharedLengths):
-                factors.add_tension(information, state)
+        information = self._information(state, with_tension=True)
         try:
-            return Factorized(self._factorize(information, damping), self._shape)
+            return Factorized(self._factorize(information, damping), self._order)
         except np.linalg.LinAlgError:
             return None
 
-    def _information(self, state: BatchState) -> Information:
+    def _information(self, state: BatchState, *, with_tension: bool = False) -> Information:
         self._band.columns[:] = 0.0
-        n_frames, n_kinds, n_slots, _ = self._shape
-        by_joint = n_slots, 3, n_kinds
-        information = Information(self._band.diagonal.reshape(n_frames, *by_joint, *by_joint), len(state.lengths_m))
+        n_frames, n_kinds, _, _ = self._shape
+        frames = [
+            self._band.diagonal(number).reshape(n_frames, *2 * (len(slots), 3, n_kinds))
+            for number, slots in enumerate(self.linkages)
+        ]
+        information = Information(self.linkages, frames, len(state.lengths_m))
         for factors in self._factors:
             factors.add_information(information, state)
+            if with_tension and isinstance(factors, SharedLengths):
+                factors.add_tension(information, state)
         return information
 
     def _factorize(self, information: Information, damping: float = 0.0) -> BlockTridiagonal:
         """Raises numpy.linalg.LinAlgError: not positive definite."""
         if damping:
             joints, lengths = _split(damping * self.damping_scale, self._shape)
-            np.einsum("tjakjak->tkja", information.frames)[:] += joints
+            information.single_unknowns[:] += joints
             np.einsum("ll->l", information.corner)[:] += lengths
-        border = information.border.reshape(len(information.border), self._band.size, -1)
-        return BlockTridiagonal(self._band, self._coupling, border, information.corner)
+        information.spread()
+        border = self._order.ordered(information.border.transpose(0, 3, 1, 2, 4))
+        return BlockTridiagonal(self._band, self._couplings, border, information.corner)
 
     def moved(self, state: BatchState, step: Float[np.ndarray, " unknown"]) -> BatchState:
         joints, lengths_m = _split(step, self._shape)
@@ -178,22 +183,21 @@ class NormalEquations:
             return near.matrix
         return _with_least_prior(lambda damping: self._factorize(self._information(state), damping))
 
-    def covariances(self, matrix: BlockTridiagonal) -> Iterator[Float[np.ndarray, "unknown unknown"]]:
-        """Marginal covariance of the unknowns of all joints in each frame, by joint, axis and kind, from the last frame
-        to the first; those of joints that are not estimated do not count."""
-        for block in matrix.inverse_blocks():
-            yield self.of_all_joints(block)
+    def covariances(self, matrix: BlockTridiagonal) -> Iterator[LinkageBlocks]:
+        """Marginal covariance of the unknowns of all joints in each frame, from the last frame to the first; those of
+        joints that are not estimated do not count."""
+        return map(self.of_all_joints, matrix.inverse_blocks())
 
-    def of_all_joints(self, of_slots: Float[np.ndarray, "own own"]) -> Float[np.ndarray, "unknown unknown"]:
-        """A matrix of the unknowns of a frame with those of joints that are estimated in none."""
-        if len(self._segment.joints) == self._segment.skeleton.n_joints:
-            return of_slots
-        per_joint = 3 * self._shape[1]
-        own = (per_joint * self._segment.joints[:, None] + np.arange(per_joint)).ravel()
-        size = per_joint * self._segment.skeleton.n_joints
-        matrix = np.zeros((size, size))
-        matrix[np.ix_(own, own)] = of_slots
-        return matrix
+    def of_all_joints(self, of_slots: Sequence[Float[np.ndarray, "_ _"]]) -> LinkageBlocks:
+        """Matrices of the unknowns of each linkage in a frame, with those of joints that are estimated in none."""
+        linkages, per_joint, blocks = self._segment.skeleton.linkages, 3 * self._shape[1], []
+        for joints, slots, block in zip(linkages, self.linkages, of_slots, strict=True):
+            if len(slots) < len(joints):
+                there = np.repeat(np.isin(joints, self._segment.joints), per_joint)
+                own, block = block, np.zeros((there.size, there.size))
+                block[np.ix_(there, there)] = own
+            blocks.append(block)
+        return LinkageBlocks(linkages, tuple(blocks))
 
     def linearized(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Linearized:
         """The problem around these positions of the active joints. Overwrites the factorisation of the state before.
@@ -209,7 +213,32 @@ class NormalEquations:
         matrix = self.matrix(state)
         projections = next(factors for factors in self._factors if isinstance(factors, Projections))
         detections = projections.whitened(state.joints[:, 0])
-        return Linearized(Factorized(matrix, self._shape), self._segment, *detections)
+        return Linearized(Factorized(matrix, self._order), self._segment, *detections)
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """Of the joints' unknowns in a matrix: by linkage, frame, joint, axis, kind."""
+
+    shape: tuple[int, ...]
+    """frame, kind, slot, 3: of the unknowns as arrays."""
+    numbers: Int[np.ndarray, " unknown"]
+    """Of the unknowns in such an array, as they come in the matrix."""
+
+    @staticmethod
+    def of(shape: tuple[int, ...], linkages: Sequence[Int[np.ndarray, " _"]]) -> Order:
+        numbers = np.arange(math.prod(shape)).reshape(shape).transpose(0, 2, 3, 1)
+        return Order(shape, np.concatenate([numbers[:, slots].ravel() for slots in linkages]))
+
+    def ordered(self, values: Float[np.ndarray, "frame kind slot 3 *columns"]) -> np.ndarray:
+        """One after the other, as they come in the matrix."""
+        return values.reshape(self.numbers.size, *values.shape[4:])[self.numbers]
+
+    def back(self, ordered: np.ndarray) -> Float[np.ndarray, "frame kind slot 3 *columns"]:
+        """The inverse of ordered."""
+        values = np.empty_like(ordered)
+        values[self.numbers] = ordered
+        return values.reshape(*self.shape, *ordered.shape[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,14 +246,12 @@ class Factorized:
     """Normal equations that can be solved."""
 
     matrix: BlockTridiagonal
-    shape: tuple[int, ...]
-    """Of the joints' unknowns."""
+    order: Order
 
     def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
-        joints, lengths = _split(right_hand_side, self.shape)
-        by_joint = joints.transpose(0, 2, 3, 1)
-        solved, solved_lengths = self.matrix.solve(by_joint.reshape(len(joints), -1), lengths)
-        return np.append(solved.reshape(by_joint.shape).transpose(0, 3, 1, 2), solved_lengths)
+        joints, lengths = _split(right_hand_side, self.order.shape)
+        solved, solved_lengths = self.matrix.solve(self.order.ordered(joints), lengths)
+        return np.append(self.order.back(solved), solved_lengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,37 +275,33 @@ class Linearized:
 
     def covariance_m2(self) -> Float[np.ndarray, "frame joint 3 3"]:
         """Marginal covariance of every active joint's position, all errors taken for independent; NaN elsewhere."""
-        n_frames, _, n_slots, _ = self._factorized.shape
+        n_frames, _, n_slots, _ = self._factorized.order.shape
         covariance_m2 = np.empty((n_frames, n_slots, 3, 3))
-        blocks = self._factorized.matrix.inverse_blocks()
-        for t, block in zip(reversed(range(n_frames)), blocks, strict=True):
-            covariance_m2[t] = position_blocks(block, n_slots)
+        all_blocks = self._factorized.matrix.inverse_blocks()
+        for t, blocks in zip(reversed(range(n_frames)), all_blocks, strict=True):
+            for slots, block in zip(self._segment.linkages, blocks, strict=True):
+                covariance_m2[t, slots] = position_blocks(block, len(slots))
         return _of_all_joints(covariance_m2, self._segment)
 
     def deviation_m(self, errors: Float[np.ndarray, "frame camera slot 2"]) -> Float[np.ndarray, "frame slot 3"]:
         """Of the joints' positions, if these are the errors of the detections."""
-        gradient = np.zeros(self._factorized.shape)
+        gradient = np.zeros(self._factorized.order.shape)
         gradient[:, 0] = (self._pull @ errors.swapaxes(1, 2).reshape(*self._pull.shape[:2], -1, 1))[..., 0]
         no_lengths = np.zeros(self._segment.n_lengths)
         solved = self._factorized.solve(np.append(gradient, no_lengths))
-        return _split(solved, self._factorized.shape)[0][:, 0]
+        return _split(solved, self._factorized.order.shape)[0][:, 0]
 
     def length_effects_m(self) -> Float[np.ndarray, "frame camera slot 2 length"]:
         """Deviations of the shared bone lengths, by the error of each detection: what deviation_m is of the joints."""
-        (n_frames, n_kinds, n_slots, _), n_lengths = self._factorized.shape, self._segment.n_lengths
-        responses = self._factorized.matrix.shared_responses().reshape(n_frames, n_slots, 3, n_kinds, n_lengths)
-        effects_m = self._pull.swapaxes(-1, -2) @ responses[..., 0, :]
+        order, n_lengths = self._factorized.order, self._segment.n_lengths
+        n_frames, _, n_slots, _ = order.shape
+        responses = order.back(self._factorized.matrix.shared_responses())
+        effects_m = self._pull.swapaxes(-1, -2) @ responses[:, 0]
         return effects_m.reshape(n_frames, n_slots, effects_m.shape[2] // 2, 2, n_lengths).transpose(0, 2, 1, 3, 4)
 
     def length_covariance_m2(self) -> Float[np.ndarray, "length length"]:
         """Covariance of the shared bone lengths, all errors taken for independent."""
         return self._factorized.matrix.shared_covariance
-
-
-def position_blocks(covariance: Float[np.ndarray, "unknown unknown"], n_joints: int) -> Float[np.ndarray, "joint 3 3"]:
-    """Of each position alone, in a covariance of the unknowns of a frame."""
-    n_kinds = len(covariance) // (3 * n_joints)
-    return np.einsum("jajb->jab", covariance[::n_kinds, ::n_kinds].reshape(n_joints, 3, n_joints, 3))
 
 
 def _with_least_prior(determine: Callable[[float], Determined]) -> Determined:

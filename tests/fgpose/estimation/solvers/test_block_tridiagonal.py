@@ -1,103 +1,132 @@
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
 from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
 
-FRAMES, KINDS, UNKNOWNS, SHARED = 5, 2, 6, 3
-SIZE = KINDS * UNKNOWNS
+FRAMES, KINDS, SHARED = 5, 2, 3
+SETS = pytest.mark.parametrize("sets", [(6,), (2, 4), (3, 0, 2, 1)], ids=str)
+"""How many unknowns there are in each: one, the second larger, one of a joint that is never estimated."""
 
 
-def random_system(kinds: int = KINDS, all_kept: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Diagonal, coupling, border and corner. Strong on the diagonal, so that the whole is positive definite."""
-    rng = np.random.default_rng(0)
-    size = kinds * UNKNOWNS
-    root = rng.normal(size=(FRAMES, size, size))
-    diagonal = root @ root.swapaxes(1, 2) + 20 * np.eye(size)
-    strength = rng.uniform(0.2, 2.0, size=(FRAMES - 1, UNKNOWNS))
-    if not all_kept:
-        strength[rng.random(strength.shape) > 0.7] = 0.0
-        strength[2] = 0.0
-    coupling = strength[..., None, None] * rng.normal(size=(FRAMES - 1, 1, kinds, kinds))
-    corner_root = rng.normal(size=(SHARED, SHARED))
-    corner = corner_root @ corner_root.T + 20 * np.eye(SHARED)
-    return diagonal, coupling, rng.normal(size=(FRAMES, size, SHARED)), corner
+@dataclass(frozen=True)
+class System:
+    """Diagonals and couplings by set, border and corner."""
+
+    diagonals: list[np.ndarray]
+    couplings: list[np.ndarray]
+    border: np.ndarray
+    corner: np.ndarray
+
+    def factorized(self) -> BlockTridiagonal:
+        kinds = self.couplings[0].shape[-1]
+        band = Band(len(self.diagonals[0]), [each.shape[1] // kinds for each in self.diagonals], kinds)
+        for number, diagonal in enumerate(self.diagonals):
+            band.diagonal(number)[:] = diagonal
+        return BlockTridiagonal(band, self.couplings, self.border, self.corner)
+
+    def dense(self) -> np.ndarray:
+        """The same matrix, written out block by block."""
+        frames = block_diag(*map(dense_of_set, self.diagonals, self.couplings))
+        whole = np.block([[frames, self.border], [self.border.T, self.corner]])
+        assert np.linalg.eigvalsh(whole).min() > 1
+        return whole
 
 
-def factorized(diagonal: np.ndarray, coupling: np.ndarray, border: np.ndarray, corner: np.ndarray) -> BlockTridiagonal:
-    kinds = coupling.shape[-1]
-    band = Band(len(diagonal), diagonal.shape[1] // kinds, kinds)
-    band.diagonal[:] = diagonal
-    return BlockTridiagonal(band, coupling, border, corner)
-
-
-def dense(diagonal: np.ndarray, coupling: np.ndarray, border: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """The same matrix, written out block by block."""
-    n_frames, size = diagonal.shape[:2]
-    whole = np.zeros((n_frames * size + len(corner),) * 2)
-    for t in range(n_frames):
-        at = slice(t * size, (t + 1) * size)
-        whole[at, at] = diagonal[t]
-        whole[at, n_frames * size :] = border[t]
-        whole[n_frames * size :, at] = border[t].T
-        if t < n_frames - 1:
-            after = slice((t + 1) * size, (t + 2) * size)
-            whole[at, after] = block_diag(*coupling[t])
-            whole[after, at] = block_diag(*coupling[t]).T
-    whole[n_frames * size :, n_frames * size :] = corner
-    assert np.linalg.eigvalsh(whole).min() > 1
+def dense_of_set(diagonal: np.ndarray, coupling: np.ndarray) -> np.ndarray:
+    size = diagonal.shape[1]
+    whole = block_diag(*diagonal)
+    for t in range(len(coupling)):
+        at, after = slice(t * size, (t + 1) * size), slice((t + 1) * size, (t + 2) * size)
+        whole[at, after] = block_diag(*coupling[t]) if size else np.zeros((0, 0))
+        whole[after, at] = whole[at, after].T
     return whole
 
 
+def random_system(sets: tuple[int, ...] = (6,), kinds: int = KINDS, all_kept: bool = False) -> System:
+    """Strong on the diagonal, so that the whole is positive definite. The first shared unknown is of the first set
+    only, as the lengths of its bones are."""
+    rng = np.random.default_rng(0)
+    diagonals, couplings = [], []
+    for n_unknowns in sets:
+        size = kinds * n_unknowns
+        root = rng.normal(size=(FRAMES, size, size))
+        diagonals.append(root @ root.swapaxes(1, 2) + 20 * np.eye(size))
+        strength = rng.uniform(0.2, 2.0, size=(FRAMES - 1, n_unknowns))
+        if not all_kept:
+            strength[rng.random(strength.shape) > 0.7] = 0.0
+            strength[2] = 0.0
+        couplings.append(strength[..., None, None] * rng.normal(size=(FRAMES - 1, 1, kinds, kinds)))
+    corner_root = rng.normal(size=(SHARED, SHARED))
+    corner = corner_root @ corner_root.T + 20 * np.eye(SHARED)
+    border = rng.normal(size=(FRAMES * kinds * sum(sets), SHARED))
+    border[FRAMES * kinds * sets[0] :, 0] = 0.0
+    return System(diagonals, couplings, border, corner)
+
+
+@SETS
 @pytest.mark.parametrize("all_kept", [True, False])
 @pytest.mark.parametrize("kinds", [1, 2])
-def test_solves_what_the_dense_matrix_solves(kinds: int, all_kept: bool) -> None:
-    system = random_system(kinds, all_kept)
-    whole = dense(*system)
+def test_solves_what_the_dense_matrix_solves(kinds: int, all_kept: bool, sets: tuple[int, ...]) -> None:
+    system = random_system(sets, kinds, all_kept)
     rng = np.random.default_rng(1)
-    frames, shared = rng.normal(size=(FRAMES, kinds * UNKNOWNS)), rng.normal(size=SHARED)
-    expected = np.linalg.solve(whole, np.concatenate([frames.ravel(), shared]))
-    solved, solved_shared = factorized(*system).solve(frames, shared)
+    frames, shared = rng.normal(size=len(system.border)), rng.normal(size=SHARED)
+    expected = np.linalg.solve(system.dense(), np.append(frames, shared))
     # rounding: the condition number is below 100
-    np.testing.assert_allclose(np.concatenate([solved.ravel(), solved_shared]), expected, atol=1e-13)
+    np.testing.assert_allclose(np.append(*system.factorized().solve(frames, shared)), expected, atol=1e-13)
 
 
+@SETS
 @pytest.mark.parametrize("all_kept", [True, False])
-def test_diagonal_blocks_of_the_inverse_are_those_of_the_dense_inverse(all_kept: bool) -> None:
-    system = random_system(all_kept=all_kept)
-    inverse = np.linalg.inv(dense(*system))
-    for t, block in enumerate(reversed(list(factorized(*system).inverse_blocks()))):
-        at = slice(t * SIZE, (t + 1) * SIZE)
-        np.testing.assert_allclose(block, inverse[at, at], atol=1e-14)
+def test_diagonal_blocks_of_the_inverse_are_those_of_the_dense_inverse(all_kept: bool, sets: tuple[int, ...]) -> None:
+    system = random_system(sets, all_kept=all_kept)
+    inverse = np.linalg.inv(system.dense())
+    for t, blocks in enumerate(reversed(list(system.factorized().inverse_blocks()))):
+        first = 0
+        for block in blocks:
+            at = slice(first + t * len(block), first + (t + 1) * len(block))
+            np.testing.assert_allclose(block, inverse[at, at], atol=1e-14)
+            first += FRAMES * len(block)
+
+
+@SETS
+def test_responses_are_those_of_the_dense_inverse(sets: tuple[int, ...]) -> None:
+    system = random_system(sets)
+    expected = np.linalg.inv(system.dense())[:-SHARED, -SHARED:]
+    np.testing.assert_allclose(system.factorized().shared_responses(), expected, atol=1e-14)
 
 
 @pytest.mark.parametrize("kinds", [1, 2])
 def test_the_inverse_leaves_the_factors_as_they_are(kinds: int) -> None:
-    matrix, rng = factorized(*random_system(kinds)), np.random.default_rng(1)
-    right_hand_side = rng.normal(size=(FRAMES, kinds * UNKNOWNS)), rng.normal(size=SHARED)
+    matrix, rng = random_system((2, 4), kinds).factorized(), np.random.default_rng(1)
+    right_hand_side = rng.normal(size=FRAMES * kinds * 6), rng.normal(size=SHARED)
     before, _ = matrix.solve(*right_hand_side)
     assert len(list(matrix.inverse_blocks())) == FRAMES
     np.testing.assert_array_equal(matrix.solve(*right_hand_side)[0], before)
 
 
 def test_one_frame_without_anything_shared() -> None:
-    diagonal, coupling, border, corner = random_system()
-    system = factorized(diagonal[:1], coupling[:0], border[:1, :, :0], corner[:0, :0])
-    solved, shared = system.solve(np.ones((1, SIZE)), np.zeros(0))
-    np.testing.assert_allclose(solved[0], np.linalg.solve(diagonal[0], np.ones(SIZE)), atol=1e-14)
+    whole = random_system()
+    diagonal = whole.diagonals[0][:1]
+    size = diagonal.shape[1]
+    system = System([diagonal], [whole.couplings[0][:0]], np.zeros((size, 0)), np.zeros((0, 0)))
+    solved, shared = system.factorized().solve(np.ones(size), np.zeros(0))
+    np.testing.assert_allclose(solved, np.linalg.solve(diagonal[0], np.ones(size)), atol=1e-14)
     assert shared.shape == (0,)
 
 
 def test_what_nothing_determines_is_an_error_that_names_the_frame() -> None:
-    diagonal, coupling, border, corner = random_system()
-    diagonal[2] = 0.0
+    system = random_system((4, 2))
+    system.diagonals[1][2] = 0.0
     with pytest.raises(np.linalg.LinAlgError, match="frame 2"):
-        factorized(diagonal, coupling, border, corner)
+        system.factorized()
 
 
 def test_shared_unknowns_that_nothing_determines_are_an_error() -> None:
-    diagonal, coupling, border, _ = random_system()
+    system = replace(random_system(), corner=np.zeros((SHARED, SHARED)))
     with pytest.raises(np.linalg.LinAlgError, match="shared"):
-        factorized(diagonal, coupling, border, np.zeros((SHARED, SHARED)))
+        system.factorized()
