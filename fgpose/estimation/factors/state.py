@@ -83,7 +83,7 @@ class Information:
     ) -> None:
         """Of the position of one joint, in the rows of the matrix, and that of another one, in its columns; no two
         blocks may be of the same two."""
-        for frames, rows in self._within(one):
+        for frames, rows in self._within(one, other):
             at, across = self._place[one[rows]], self._place[other[rows]]
             frames[:, at, :, 0, across, :, 0] += blocks[:, rows].swapaxes(0, 1)
 
@@ -95,7 +95,7 @@ class Information:
         values: Float[np.ndarray, " row"],
     ) -> None:
         """Along every axis, of two joints in a frame; on both sides of the diagonal."""
-        for frames, rows in self._within(one):
+        for frames, rows in self._within(one, other):
             at, across = self._place[one[rows]], self._place[other[rows]]
             for axis in range(3):
                 frames[frame[rows], at, axis, 1, across, axis, 1] += values[rows]
@@ -117,10 +117,12 @@ class Information:
                     self.add_between_positions(first, second, product)
 
     def _within(
-        self, slots: Int[np.ndarray, " row"]
+        self, one: Int[np.ndarray, " row"], other: Int[np.ndarray, " row"]
     ) -> Iterator[tuple[Float[np.ndarray, "frame own 3 kind own 3 kind"], Int[np.ndarray, " own_row"]]]:
-        """Each linkage with the rows whose joints are in it."""
-        linkage = self._linkage[slots]
+        """Each linkage with the rows whose joints are in it. Raises ValueError if those of a row are in two."""
+        linkage = self._linkage[one]
+        if (linkage != self._linkage[other]).any():
+            raise ValueError("a factor joins joints of two linkages; see Skeleton.linkages")
         for number, frames in enumerate(self.frames):
             rows = np.flatnonzero(linkage == number)
             if rows.size:
