@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from fgpose.child_process import ChildProcess, parent
-from fgpose.live.processes.priority import give_way
+from fgpose.live.processes.priority import session_gives_way
 
 # What is imported here is imported before the process gives way.
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class DiagnosisProcess(ChildProcess):
 
 def serve() -> None:
     """Do what DiagnosisProcess sends."""
-    give_way(_NICE)
+    session_gives_way(_NICE)
     with parent() as (receive, send):
         try:
             job: DiagnosisJob = receive()

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable
 from multiprocessing.connection import Connection
 from typing import Any
 
-from fgpose.live.processes.priority import give_way
+from fgpose.live.processes.priority import session_gives_way
 
 STATIC = "/"
 """The path whose content never gets old."""
@@ -135,7 +135,7 @@ def main() -> None:
 
     listening, connected = map(int, sys.argv[1:])
     # The cameras come first.
-    give_way(5)
+    session_gives_way(5)
     logging.getLogger("waitress").setLevel(logging.ERROR)
     contents = Contents(Connection(connected))
     threading.Thread(target=contents.receive, daemon=True).start()

@@ -6,7 +6,10 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+_OF_SESSION = Path("/proc/self/autogroup")
 
 
 def give_way(nice: int) -> None:
@@ -16,6 +19,15 @@ def give_way(nice: int) -> None:
         thread = threading.get_native_id()
         # Whoever started it with less priority may not take it back.
         os.setpriority(os.PRIO_PROCESS, thread, max(nice, os.getpriority(os.PRIO_PROCESS, thread)))
+
+
+def session_gives_way(nice: int) -> None:
+    """Let this process, which has a session of its own, have what is left by others. Among sessions Linux shares the
+    processor evenly, whatever the priorities in them, unless it is told not to (man 7 sched, autogroup)."""
+    give_way(nice)
+    if sys.platform == "linux" and os.getsid(0) == os.getpid():
+        with suppress(OSError):  # it does not share the processor among sessions
+            _OF_SESSION.write_text(str(nice))
 
 
 @contextmanager

@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import sys
 import threading
+import time
+from pathlib import Path
 
 import pytest
 
+from fgpose.child_process import ChildProcess
 from fgpose.live.processes.priority import give_way, threads_give_way
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere priorities are those of processes")
@@ -38,3 +41,19 @@ def test_a_thread_gives_way_and_the_others_do_not() -> None:
     with threads_give_way():
         assert own()[0] == os.SCHED_OTHER
     assert own() == before
+
+
+def test_a_process_gives_way_to_those_of_other_sessions() -> None:
+    if not Path("/proc/self/autogroup").exists():
+        pytest.skip("this Linux does not share the processor among sessions")
+    before = Path("/proc/self/autogroup").read_text()
+    process = ChildProcess("fgpose.live.diagnosis.diagnosis_process")
+    of_session = Path(f"/proc/{process.process_id}/autogroup")
+    try:
+        end_s = time.monotonic() + 60
+        while not (said := of_session.read_text()).endswith("nice 19\n"):
+            assert time.monotonic() < end_s, said
+            time.sleep(0.05)
+    finally:
+        process.close()
+    assert Path("/proc/self/autogroup").read_text() == before
