@@ -46,7 +46,7 @@ _SETTLED_S = 20.0
 # Recordings begin together; the time of the beginning is known to an image or two.
 _SHIFTS = np.arange(-3, 4)
 _FPS = 60.0
-_CODEC = {"preset": "fast", "crf": "20", "g": "60", "bf": "0"}
+_CODEC = {"preset": "fast", "crf": "20", "bf": "0"}
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,16 @@ class LiveRun:
     """From the unhurried result."""
 
 
-def there_and_back(videos: Path, folder: Path) -> list[Path]:
-    """Each video forwards and backwards, encoded as cameras do: a key frame a second, no frame that refers to a later
-    one."""
+def there_and_back(videos: Path, folder: Path, every: int = 1) -> list[Path]:
+    """Each video forwards and backwards, one image in so many, encoded as cameras do: a key frame a second, no frame
+    that refers to a later one."""
     files = []
     for video in sorted(videos.glob("*.mp4")):
         path = folder / video.name
-        frames = [frame.to_ndarray(format="yuv420p") for frame in av.open(str(video)).decode(video=0)]
+        frames = [frame.to_ndarray(format="yuv420p") for frame in av.open(str(video)).decode(video=0)][::every]
         with av.open(str(path), "w") as container:
-            stream = container.add_stream("libx264", rate=round(_FPS), options=_CODEC)
+            rate = round(_FPS / every)
+            stream = container.add_stream("libx264", rate=rate, options=_CODEC | {"g": str(rate)})
             stream.height, stream.width = frames[0].shape[0] * 2 // 3, frames[0].shape[1]
             stream.pix_fmt = "yuv420p"
             for frame in frames + frames[-2:0:-1]:

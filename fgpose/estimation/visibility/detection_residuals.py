@@ -21,6 +21,7 @@ from fgpose.estimation.visibility.spread import Contradictions, spread_m
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.geometry.vectors import norm
+from fgpose.sampling import parts_of
 from fgpose.skeleton import Skeleton
 from fgpose_factors import robust_weight
 from fgpose_factors.robust_statistics import MEDIAN_LENGTH
@@ -36,6 +37,7 @@ _PREDICTED_M = {"constant_velocity": 0.01, "random_walk": 0.02, "none": 0.04}
 # How much the prior weight tells, relative to as much as if it were a probability.
 _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
+_FRAMES_AT_ONCE = 100
 # Where less of the variance of a detection is left in its residual, that is of the pose rather than of the detection.
 _LEAST_REDUNDANCY = 0.2
 
@@ -183,14 +185,19 @@ class DetectionResiduals:
         self, spread_px: Float[np.ndarray, "frame camera joint"], rig: CameraRig, skeleton: Skeleton
     ) -> Float[np.ndarray, "frame camera joint"]:
         """As LogDensities.other."""
-        projected_px = rig.project(self.positions_m)
-        (x, y), (others_x, others_y) = self.undistorted_px.transpose(3, 0, 1, 2), projected_px.transpose(3, 0, 1, 2)
-        distance_px2 = (x[..., None] - others_x[:, :, None]) ** 2 + (y[..., None] - others_y[:, :, None]) ** 2
-        # Both the detection and the projection err.
-        density = np.exp(distance_px2 / (-4 * spread_px[..., None] ** 2))
-        np.copyto(density, 0.0, where=np.isnan(density))
-        density = np.einsum("tcjk,jk->tcj", density, _share_of_others(skeleton))
-        return np.log(np.maximum(density, np.finfo(float).tiny)) - np.log(2 * spread_px**2)
+        projected_px, shares = rig.project(self.positions_m), _share_of_others(skeleton)
+        of_all = np.empty(self.seen.shape)
+        # Of all pairs of joints a window would take more memory than everything else that is made of it.
+        for part in parts_of(len(of_all), _FRAMES_AT_ONCE):
+            (x, y), (others_x, others_y) = (
+                each[part].transpose(3, 0, 1, 2) for each in (self.undistorted_px, projected_px)
+            )
+            distance_px2 = (x[..., None] - others_x[:, :, None]) ** 2 + (y[..., None] - others_y[:, :, None]) ** 2
+            # Both the detection and the projection err.
+            density = np.exp(distance_px2 / (-4 * spread_px[part, ..., None] ** 2))
+            np.copyto(density, 0.0, where=np.isnan(density))
+            of_all[part] = np.einsum("tcjk,jk->tcj", density, shares)
+        return np.log(np.maximum(of_all, np.finfo(float).tiny)) - np.log(2 * spread_px**2)
 
 
 def lengths_m(

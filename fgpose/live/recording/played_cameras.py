@@ -32,6 +32,18 @@ class PlayedCameras:
     """Otherwise the files are read, in real time."""
 
 
+@dataclass(frozen=True)
+class Served:
+    """A server of videos over RTSP, in a process of its own."""
+
+    port: int
+    process_id: int
+
+    def address(self, path: Path) -> str:
+        """Of one of its files."""
+        return f"rtsp://127.0.0.1:{self.port}/{path.stem}"
+
+
 @contextmanager
 def played_cameras(
     videos: Mapping[str, Path],
@@ -68,21 +80,22 @@ def played_cameras(
         with warnings.catch_warnings(action="ignore"):
             cameras.append(fitted_camera(camera, size_px, video))
     save_rig(CameraRig(tuple(cameras)), folder / _CALIBRATION)
-    with _served(list(played.values())) as port:
+    with served(list(played.values())) as server:
         rig_file = folder / "rig.toml"
         tables = [
             f'[cameras.{name}]\nsource = "{path}"\nloop = true\n'
-            if port is None
-            else f'[cameras.{name}]\nsource = "rtsp://127.0.0.1:{port}/{name}"\n'
+            if server is None
+            else f'[cameras.{name}]\nsource = "{server.address(path)}"\n'
             for name, path in played.items()
         ]
         rig_file.write_text(f'[live]\ncalibration = "{_CALIBRATION}"\n\n' + "\n".join(tables))
-        yield PlayedCameras(rig_file, port is not None)
+        yield PlayedCameras(rig_file, server is not None)
 
 
 @contextmanager
-def _served(paths: Sequence[Path]) -> Iterator[int | None]:
-    """Serve files over RTSP; the port, or None where GStreamer's server is not installed."""
+def served(paths: Sequence[Path]) -> Iterator[Served | None]:
+    """Serve H.264 files over RTSP, each as a camera that has run all along, again and again and in step; None where
+    GStreamer's server is not installed."""
     if _SYSTEM_PYTHON is None:
         yield None
         return
@@ -94,6 +107,6 @@ def _served(paths: Sequence[Path]) -> Iterator[int | None]:
         try:
             assert process.stdout is not None
             port = process.stdout.readline().strip()
-            yield int(port) if port else None
+            yield Served(int(port), process.pid) if port else None
         finally:
             process.kill()

@@ -34,19 +34,23 @@ class PlayedVideo:
         """Makes what is sent; all who watch get the same."""
         factory = GstRtspServer.RTSPMediaFactory.new()
         factory.set_shared(True)
-        source = f"appsrc name=source is-live=true do-timestamp=true format=time caps={_UNITS}"
+        source = f"appsrc name=source is-live=true format=time caps={_UNITS}"
         factory.set_launch(f"( {source} ! rtph264pay name=pay0 pt=96 )")
         factory.connect("media-configure", self._begin)
         return factory
 
-    def send_until(self, since_s: float) -> None:
-        """Send what is due so long after the start."""
-        n_due = int(since_s / self._interval_s)
+    def send_until(self, now_s: float, start_s: float) -> None:
+        """Send what is due, by the monotonic clock, which is that of GStreamer too."""
+        n_due = int((now_s - start_s) / self._interval_s)
         while self._n_sent < n_due:
-            if self._source is not None:
-                image = self._images[self._n_sent % len(self._images)]
-                self._source.emit("push-buffer", Gst.Buffer.new_wrapped(image))
+            image = Gst.Buffer.new_wrapped(self._images[self._n_sent % len(self._images)])
             self._n_sent += 1
+            began_ns = 0 if self._source is None else self._source.get_base_time()
+            # Stamped when it is due, as a camera does, however late this busy computer sends it. What was due before
+            # whoever watches came, nobody sees.
+            image.pts = int(1e9 * (start_s + self._n_sent * self._interval_s)) - began_ns
+            if began_ns and image.pts >= 0:
+                self._source.emit("push-buffer", image)
 
     def _begin(self, _: GstRtspServer.RTSPMediaFactory, media: GstRtspServer.RTSPMedia) -> None:
         self._source = media.get_element().get_by_name_recurse_up("source")
@@ -83,7 +87,7 @@ def main(*paths: str) -> None:
 
     def send() -> bool:
         for camera in cameras:
-            camera.send_until(time.monotonic() - start_s)
+            camera.send_until(time.monotonic(), start_s)
         return True
 
     GLib.timeout_add(_LOOKS_MS, send)
