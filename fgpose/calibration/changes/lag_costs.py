@@ -18,6 +18,7 @@ from fgpose.calibration.changes.rays import Rays
 from fgpose.estimation.noise import CORRELATION_S
 from fgpose.freed_memory import hand_back
 from fgpose.geometry.vectors import cross, dot
+from fgpose.sampling import parts_of
 from fgpose_factors.robust_statistics import robust_sigma
 
 BLOCK_S = 1.0
@@ -38,6 +39,8 @@ _WALKS_RAD, _WALKS_M = 0.08, 0.3
 # that are left contain the true one in 64 of 64 recordings by two and three cameras, also of somebody who works on the
 # spot and pauses for seconds; at 5 in 63.
 _AS_PROBABLE = 10.0
+AT_ONCE = 500
+"""Samples of which costs and weights are made at a time."""
 # A camera's pairs of rays say something of a block if there are so many.
 _MIN_SEEN = 8
 # Of rays that meet angles are 2 to 3 times what they differ from their mean in a second: errors last longer. Where the
@@ -210,45 +213,66 @@ def lag_costs(rays: Rays, blocks: Blocks, n_lags: int, of_camera: int | None = N
 def _of_pair(
     rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int, moved: Float[np.ndarray, "2 sample joint 3"]
 ) -> tuple[Float[np.ndarray, "block lag"], float, Float[np.ndarray, "block joint"]]:
-    cost, weight, scale, share = costs_of_samples(rays, blocks, (a, b), n_lags, moved)
-    return _finer(_by_block(cost, weight, blocks) * independent(blocks)), scale, share
+    samples = SampleCosts.of(rays, blocks, (a, b), n_lags, moved)
+    return _finer(_by_block(samples, blocks) * independent(blocks)), samples.scale, samples.share
 
 
-def costs_of_samples(
-    rays: Rays, blocks: Blocks, pair: tuple[int, int], n_lags: int, moved: Float[np.ndarray, "2 sample joint 3"]
-) -> tuple[
-    Float[np.ndarray, "sample lag joint"],
-    Float[np.ndarray, "sample lag joint"],
-    float,
-    Float[np.ndarray, "block joint"],
-]:
-    """Of two cameras: what the angle of each sample costs at every lag, and how much it counts as far as the joint
-    moves; the standard deviation of the angles, radians; and how far it moves.
+@dataclass(frozen=True, eq=False)
+class SampleCosts:
+    """Of two cameras: what the angle of each sample costs at every lag. Of an hour the angles take 20 MB, and whatever
+    else there is of each is made of some samples at a time."""
 
-    Args:
-        moved: displacements of both.
-    """
-    a, b = pair
-    angles, weight = _angles(rays, blocks, a, b, n_lags)
-    scale = _scale(angles, blocks)
-    by_errors = min(scale, _PER_FLUCTUATION * _scale(angles, blocks, about_mean=True))
-    baseline_m = (rays.centre_m[b, blocks.index] - rays.centre_m[a, blocks.index])[:, None]
-    n_reach = int(np.ceil(n_lags * rays.step_s / blocks.length_s))
-    share = motion_share(moved, rays.direction[a, blocks.index], baseline_m, blocks.block, n_reach, by_errors)
-    weight *= share[blocks.block][:, None]
-    return robust(angles, scale, out=angles), weight, scale, share  # of an hour each takes 20 MB
+    rays: Rays
+    blocks: Blocks
+    pair: tuple[int, int]
+    angles: Float[np.ndarray, "sample lag joint"]
+    scale: float
+    """Standard deviation of the angles, radians."""
+    share: Float[np.ndarray, "block joint"]
+    """How far each joint moves."""
+
+    @staticmethod
+    def of(
+        rays: Rays, blocks: Blocks, pair: tuple[int, int], n_lags: int, moved: Float[np.ndarray, "2 sample joint 3"]
+    ) -> SampleCosts:
+        """For lags of up to so many steps of the grid either way, from the displacements of both."""
+        a, b = pair
+        angles = _angles(rays, blocks, a, b, n_lags)
+        scale = _scale(angles, blocks)
+        by_errors = min(scale, _PER_FLUCTUATION * _scale(angles, blocks, about_mean=True))
+        baseline_m = (rays.centre_m[b, blocks.index] - rays.centre_m[a, blocks.index])[:, None]
+        n_reach = int(np.ceil(n_lags * rays.step_s / blocks.length_s))
+        share = motion_share(moved, rays.direction[a, blocks.index], baseline_m, blocks.block, n_reach, by_errors)
+        return SampleCosts(rays, blocks, pair, angles, scale, share)
+
+    @property
+    def n_lags(self) -> int:
+        return self.angles.shape[1]
+
+    def weighted(
+        self, part: slice
+    ) -> tuple[Float[np.ndarray, "sample lag joint"], Float[np.ndarray, "sample lag joint"]]:
+        """Of some samples: what each costs times how much it counts as far as the joint moves, and that."""
+        (a, b), index, angles = self.pair, self.blocks.index[part], self.angles[part]
+        weight = np.zeros(angles.shape, dtype=np.float32)
+        for k in range(self.n_lags):
+            other = index - k + self.n_lags // 2
+            there = (other >= 0) & (other < len(self.rays.time_s))
+            weight[there, k] = np.minimum(self.rays.weight[a, index[there]], self.rays.weight[b, other[there]])
+        weight[~np.isfinite(angles)] = 0.0
+        weight *= self.share[self.blocks.block[part]][:, None]
+        counted = np.nan_to_num(robust(angles, self.scale), copy=False)
+        counted *= weight
+        return counted, weight
 
 
-def _angles(
-    rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int
-) -> tuple[Float[np.ndarray, "sample lag joint"], Float[np.ndarray, "sample lag joint"]]:
+def _angles(rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int) -> Float[np.ndarray, "sample lag joint"]:
     index, n_times = blocks.index, len(rays.time_s)
-    one, weight = rays.direction[a, index], rays.weight[a, index]
+    one = rays.direction[a, index]
     baseline_m = (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32)
     from_one = cross(baseline_m, one)
     squared = dot(from_one, from_one)
-    shape = (len(index), 2 * n_lags + 1, one.shape[1])
-    angles, weights = np.full(shape, np.nan, dtype=np.float32), np.zeros(shape, dtype=np.float32)
+    angles = np.full((len(index), 2 * n_lags + 1, one.shape[1]), np.nan, dtype=np.float32)
     along = dot(baseline_m, baseline_m)
     for k in range(-n_lags, n_lags + 1):
         other = index - k
@@ -258,9 +282,7 @@ def _angles(
         length = np.sqrt(squared[there] + np.maximum(of_other, 0.0))
         with np.errstate(invalid="ignore", divide="ignore"):
             angles[there, k + n_lags] = dot(from_one[there], ray) / length
-        weights[there, k + n_lags] = np.minimum(weight[there], rays.weight[b, other[there]])
-    weights[~np.isfinite(angles)] = 0.0
-    return angles, weights
+    return angles
 
 
 def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks, *, about_mean: bool = False) -> float:
@@ -283,22 +305,20 @@ def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks, *, abo
     return max(robust_sigma(np.array(least)), 1e-4) if least else 1.0
 
 
-def _by_block(
-    cost: Float[np.ndarray, "sample lag joint"], weight: Float[np.ndarray, "sample lag joint"], blocks: Blocks
-) -> Float[np.ndarray, "block lag"]:
+def _by_block(samples: SampleCosts, blocks: Blocks) -> Float[np.ndarray, "block lag"]:
     """Sums, as if at every lag as much were seen as at the one where most is; a lag at which little is seen is as good
     as the others on average. What counts is what is seen without a lag too: where images are left out, the few that are
     near each other at one lag may be of another moment, which is easier to see."""
     order = np.argsort(blocks.block, kind="stable")
     begins = np.searchsorted(blocks.block[order], np.arange(blocks.n_blocks))
-    counted = np.nan_to_num(cost, copy=False)  # nobody else needs it
-    counted *= weight
-    middle = weight.shape[1] // 2
-    both = np.where(weight[:, middle : middle + 1] > 0, weight, 0.0)
-    total, seen, number, common = (
-        np.add.reduceat(each.sum(axis=2, dtype=float)[order], begins, axis=0)
-        for each in (counted, weight, weight > 0, both)
-    )
+    middle = samples.n_lags // 2
+    sums = np.empty((4, len(order), samples.n_lags))
+    for part in parts_of(len(order), AT_ONCE):
+        counted, weight = samples.weighted(part)
+        both = np.where(weight[:, middle : middle + 1] > 0, weight, 0.0)
+        for of_samples, each in zip(sums, (counted, weight, weight > 0, both), strict=True):
+            of_samples[part] = each.sum(axis=2, dtype=float)
+    total, seen, number, common = (np.add.reduceat(each[order], begins, axis=0) for each in sums)
     most = seen.max(axis=1, keepdims=True)
     told = (common >= 0.5 * most) & (number >= _MIN_SEEN)
     mean = np.where(told, total / np.where(told, seen, 1.0), np.nan)

@@ -10,9 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.changes.comparison import MAX_LAG_S, Comparison
-from fgpose.calibration.changes.lag_costs import Blocks, costs_of_samples, independent
+from fgpose.calibration.changes.lag_costs import AT_ONCE, Blocks, SampleCosts, independent
 from fgpose.calibration.changes.motion_share import displacements
+from fgpose.calibration.changes.rays import Rays
 from fgpose.freed_memory import hand_back
+from fgpose.sampling import parts_of
 
 MOMENT_S = 0.2
 """Errors of detections are correlated over 0.15 s."""
@@ -83,15 +85,32 @@ def fine_costs(compared: Comparison, n_parts: int) -> list[FineCosts]:
         {} for _ in range(min(n_parts, rays.direction.shape[2]))
     ]
     for pair in combinations(range(rays.n_cameras), 2):
-        cost, weight, *_ = costs_of_samples(rays, seconds, pair, n_lags, moved[list(pair)])
-        counted = np.nan_to_num(cost, copy=False)
-        counted *= weight
-        for number, of_part in enumerate(found):
-            own = slice(number, None, n_parts)
-            of_moment = _by_moment(counted[..., own], weight[..., own], moments) * independent(seconds)
+        of_parts = _of_pair(rays, seconds, pair, n_lags, moved[list(pair)], moments, n_parts)
+        for of_part, of_moment in zip(found, of_parts, strict=True):
             of_part[pair] = _at(of_moment, grid_s, lag_s)
         hand_back()
     return [FineCosts(moments, step_s, rays.n_cameras, of_part) for of_part in found]
+
+
+def _of_pair(
+    rays: Rays,
+    seconds: Blocks,
+    pair: tuple[int, int],
+    n_lags: int,
+    moved: Float[np.ndarray, "2 sample joint 3"],
+    moments: Blocks,
+    n_parts: int,
+) -> list[Float[np.ndarray, "moment lag"]]:
+    """By each part of the joints."""
+    samples = SampleCosts.of(rays, seconds, pair, n_lags, moved)
+    joints = [slice(number, None, n_parts) for number in range(min(n_parts, moved.shape[2]))]
+    sums = np.empty((len(joints), 3, len(seconds.index), samples.n_lags))
+    for part in parts_of(len(seconds.index), AT_ONCE):
+        counted, weight = samples.weighted(part)
+        for own, of_samples in zip(joints, sums, strict=True):
+            for of_kind, each in zip(of_samples, (counted, weight, weight > 0), strict=True):
+                of_kind[part] = each[..., own].sum(axis=2, dtype=float)
+    return [_by_moment(each, moments) * independent(seconds) for each in sums]
 
 
 def together(parts: Sequence[FineCosts]) -> FineCosts:
@@ -109,17 +128,13 @@ def _moments(seconds: Blocks, time_s: Float[np.ndarray, " sample"]) -> Blocks:
     return Blocks(seconds.index, block, begin_s + (numbers + 0.5) * length_s, length_s)
 
 
-def _by_moment(
-    counted: Float[np.ndarray, "sample lag joint"], weight: Float[np.ndarray, "sample lag joint"], moments: Blocks
-) -> Float[np.ndarray, "moment lag"]:
-    """Sums of weighted costs, as if at every lag as much were seen as at the one where most is. Where little is seen,
-    as past the end of the images, it costs what it does at the nearest lags at which enough is: nothing is won by a
-    lag that nothing tells."""
+def _by_moment(sums: Float[np.ndarray, "3 sample lag"], moments: Blocks) -> Float[np.ndarray, "moment lag"]:
+    """Sums of weighted costs, of weights and of their numbers, as if at every lag as much were seen as at the one where
+    most is. Where little is seen, as past the end of the images, it costs what it does at the nearest lags at which
+    enough is: nothing is won by a lag that nothing tells."""
     order = np.argsort(moments.block, kind="stable")
     begins = np.searchsorted(moments.block[order], np.arange(moments.n_blocks))
-    total, seen, number = (
-        np.add.reduceat(each.sum(axis=2, dtype=float)[order], begins, axis=0) for each in (counted, weight, weight > 0)
-    )
+    total, seen, number = (np.add.reduceat(each[order], begins, axis=0) for each in sums)
     most = seen.max(axis=1, keepdims=True)
     told = (seen >= _ENOUGH * most) & (number >= _MIN_SEEN)
     mean = total / np.where(told, seen, 1.0)

@@ -8,7 +8,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fgpose.calibration.changes import rays
+from fgpose.calibration.changes import lag_costs, rays
+from fgpose.calibration.changes.comparison import Comparison
+from fgpose.calibration.changes.lost_images import fine_costs
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import parts_of
 from tests.fgpose.calibration.changes.changing import FPS, RIG, filmed, walk_m
@@ -28,3 +30,19 @@ def test_rays_do_not_depend_on_the_parts(monkeypatch: pytest.MonkeyPatch) -> Non
     in_parts = rays.rays_of([seen], bent, (), 1 / FPS, 10)
     for name, expected in vars(in_one).items():
         np.testing.assert_array_equal(getattr(in_parts, name), expected, err_msg=name)
+
+
+def test_costs_do_not_depend_on_the_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for rounding of sums in double precision."""
+    compared = Comparison.of([filmed(walk_m(3)).first_frames(300)], RIG, 1 / FPS)
+
+    def costs() -> list[np.ndarray]:
+        (fine,) = fine_costs.fine_costs(compared, 1)
+        return [*compared.costs().cost.values(), *fine.cost.values()]
+
+    in_one = costs()
+    assert np.ptp(in_one[0], axis=1).max() > 1
+    for module in (lag_costs, fine_costs):
+        monkeypatch.setattr(module, "AT_ONCE", 7)
+    for found, expected in zip(costs(), in_one, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
