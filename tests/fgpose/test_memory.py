@@ -16,6 +16,7 @@ from fgpose.config import Config
 from fgpose.diagnosis.camera_checks import few_cameras
 from fgpose.diagnosis.clock_checks import late_cameras
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.motion_checks import perhaps_same
 from fgpose.estimation import smoother
 from fgpose.estimation.evidence import gathered
 from fgpose.estimation.evidence.credibility import credible
@@ -154,3 +155,15 @@ def test_how_far_cameras_are_apart_is_told_by_some_frames(recording: Observation
 
     # The positions of one person of four cameras take half as much as their detections do, and are not copied.
     assert growth(work, recording) < 0.05
+
+
+def test_of_one_person_nobody_is_looked_for_who_may_be_the_same(recording: Observations, rig: CameraRig) -> None:
+    """Of several people the places of all frames would take as much as the observations."""
+    joints = (LONG, recording.skeleton.n_joints)
+    body_m = np.random.default_rng(0).normal(0.0, 0.3, (*joints, 3))
+    whole = Trajectory(recording.skeleton, recording.frame_time_s, body_m, np.full(joints, Status.OBSERVED))
+
+    def work(part: Observations) -> object:
+        return perhaps_same(FinishedRecording("walk", {0: whole.frames(slice(0, part.n_frames))}, rig))
+
+    assert growth(work, recording) < 0.15
