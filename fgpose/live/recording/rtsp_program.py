@@ -41,16 +41,16 @@ class PlayedVideo:
 
     def send_until(self, now_s: float, start_s: float) -> None:
         """Send what is due, by the monotonic clock, which is that of GStreamer too."""
-        n_due = int((now_s - start_s) / self._interval_s)
+        n_due, source = int((now_s - start_s) / self._interval_s), self._source
+        began_ns = 0 if source is None else source.get_base_time()
         while self._n_sent < n_due:
             image = Gst.Buffer.new_wrapped(self._images[self._n_sent % len(self._images)])
             self._n_sent += 1
-            began_ns = 0 if self._source is None else self._source.get_base_time()
             # Stamped when it is due, as a camera does, however late this busy computer sends it. What was due before
             # whoever watches came, nobody sees.
-            image.pts = int(1e9 * (start_s + self._n_sent * self._interval_s)) - began_ns
-            if began_ns and image.pts >= 0:
-                self._source.emit("push-buffer", image)
+            image.pts = max(int(1e9 * (start_s + self._n_sent * self._interval_s)) - began_ns, 0)
+            if source is not None and began_ns and image.pts:
+                source.emit("push-buffer", image)
 
     def _begin(self, _: GstRtspServer.RTSPMediaFactory, media: GstRtspServer.RTSPMedia) -> None:
         self._source = media.get_element().get_by_name_recurse_up("source")
