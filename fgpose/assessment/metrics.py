@@ -133,11 +133,13 @@ def jitter_mps3(positions_m: Float[np.ndarray, "frame joint 3"], time_s: Float[n
     Over all joints and windows of four consecutive known frames. Human motion itself has some: compare with the
     reference's.
     """
-    jerk_mps3 = np.empty((max(len(time_s) - 3, 0), positions_m.shape[1]))
-    for part in parts_of(len(jerk_mps3)):
+    total_mps3, n_known = 0.0, 0
+    for part in parts_of(max(len(time_s) - 3, 0)):
         around = slice(part.start, part.stop + 3)
-        jerk_mps3[part] = np.linalg.norm(_derivative(positions_m[around], time_s[around], 3), axis=-1)
-    return float(mean_known(jerk_mps3))
+        jerk_mps3 = np.linalg.norm(_derivative(positions_m[around], time_s[around], 3), axis=-1)
+        known = ~np.isnan(jerk_mps3)
+        total_mps3, n_known = total_mps3 + float(jerk_mps3[known].sum()), n_known + int(known.sum())
+    return total_mps3 / n_known if n_known else np.nan
 
 
 def acceleration_error_mps2(

@@ -207,8 +207,8 @@ class Recording:
     here: Int[np.ndarray, " frame"]
     """Which of them are those of the recording."""
     time_s: Float[np.ndarray, " frame"]
-    guess_m: Float[np.ndarray, "frame joint 3"]
-    """First guess, also where there is none of the frame alone."""
+    guess_m: Float[np.ndarray, "frame joint 3"] | None
+    """First guess, also where there is none of the frame alone; None: everything is solved, and it is not needed."""
     active: Bool[np.ndarray, "frame joint"]
     lengths_m: Float[np.ndarray, " length"]
     known: BoneLengths | None = None
@@ -237,7 +237,8 @@ class Recording:
 
     def evidence_of(self, frames: slice | Int[np.ndarray, " sample"]) -> Evidence:
         """Of some of its frames."""
-        return replace(self.evidence.frames(self.here[frames]), guess_m=self.guess_m[frames])
+        evidence = self.evidence.frames(self.here[frames])
+        return evidence if self.guess_m is None else replace(evidence, guess_m=self.guess_m[frames])
 
     def frames(self, frames: slice | Int[np.ndarray, " sample"]) -> Segment:
         """Some of its frames, to be solved as one."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.config import Config
 from fgpose.estimation.covariances.error_components import covariance_of_errors_m2, length_covariance_of_errors_m2
@@ -141,7 +141,9 @@ def smooth_evidence(
             if progress:
                 progress(window.contributed.stop, recording.n_frames)
     hand_back()
-    return replace(_trajectory(recording, windows, solved), other_bone=other)
+    joined = _Joined.of(recording, windows, solved)
+    recording = replace(recording, guess_m=None)  # of an hour 88 MB
+    return replace(_trajectory(recording, windows, solved, joined), other_bone=other)
 
 
 def _sample(recording: Recording) -> Segment:
@@ -199,34 +201,55 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
     return replace(solution, covariance_m2=widened_m2, widening_m2=widened_m2 - covariance_m2)
 
 
-def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedWindows) -> Trajectory:
-    """Of all windows, in all frames. What decides who is there when needs the visibility of all; the rest is made
-    window by window."""
-    rig, config, here, shape = recording.rig, recording.config, recording.here, recording.active.shape
-    n_frames, n_joints = len(recording.evidence.time_s), shape[1]
-    of_cameras = n_frames, rig.n_cameras, n_joints
-    positions_m = np.full((n_frames, n_joints, 3), np.nan)
-    # Nothing is known of them to seven digits, and they are most of what a long recording leaves in memory.
-    visibility, residual_px = (np.full(of_cameras, np.nan, dtype=np.float32) for _ in range(2))
-    (seen, observed), located = np.empty((2, *shape), dtype=bool), np.empty(shape[0], dtype=bool)
-    convergences, lengths_m, sigmas_m = [], [], []
-    for window, solution in zip(windows, solved, strict=True):
-        own = window.contributed
-        evidence = replace(recording.evidence_of(own), visibility=solution.visibility)
-        positions_m[here[own]], visibility[here[own]] = solution.positions_m, evidence.detection_visibility
-        seen[own], observed[own], located[own] = evidence.seen, evidence.observed, evidence.located.any(axis=1)
-        convergences.append(solution.convergence)
-        lengths_m.append(solution.lengths_m)
-        sigmas_m.append(solution.length_sigma_m)
-    _warn_unless_converged(convergences, config)
-    unseen_s = time_to_known_s(seen, recording.time_s)
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """Of all windows, in all frames: what decides who is there when, which needs the visibility of all."""
+
+    positions_m: Float[np.ndarray, "all joint 3"]
+    visibility: Float[np.ndarray, "all camera joint"]
+    seen: Bool[np.ndarray, "frame joint"]
+    """Of the frames of the recording, as those that follow. See Evidence."""
+    observed: Bool[np.ndarray, "frame joint"]
+    located: Bool[np.ndarray, " frame"]
+    """Whether any joint is."""
+    convergences: tuple[Convergence, ...]
+    lengths_m: list[np.ndarray]
+    sigmas_m: list[np.ndarray]
+
+    @staticmethod
+    def of(recording: Recording, windows: Sequence[Window], solved: SolvedWindows) -> _Joined:
+        here, shape, n_frames = recording.here, recording.active.shape, len(recording.evidence.time_s)
+        positions_m = np.full((n_frames, shape[1], 3), np.nan)
+        # Nothing is known of it to seven digits, and it is a part of what a long recording leaves in memory.
+        visibility = np.full((n_frames, recording.rig.n_cameras, shape[1]), np.nan, dtype=np.float32)
+        (seen, observed), located = np.empty((2, *shape), dtype=bool), np.empty(shape[0], dtype=bool)
+        convergences, lengths_m, sigmas_m = [], [], []
+        for window, solution in zip(windows, solved, strict=True):
+            own = window.contributed
+            evidence = replace(recording.evidence_of(own), visibility=solution.visibility)
+            positions_m[here[own]], visibility[here[own]] = solution.positions_m, evidence.detection_visibility
+            seen[own], observed[own], located[own] = evidence.seen, evidence.observed, evidence.located.any(axis=1)
+            convergences.append(solution.convergence)
+            lengths_m.append(solution.lengths_m)
+            sigmas_m.append(solution.length_sigma_m)
+        _warn_unless_converged(convergences, recording.config)
+        return _Joined(positions_m, visibility, seen, observed, located, tuple(convergences), lengths_m, sigmas_m)
+
+
+def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedWindows, joined: _Joined) -> Trajectory:
+    """The result; what is of each window alone is made window by window."""
+    rig, config, here, positions_m = recording.rig, recording.config, recording.here, joined.positions_m
+    n_frames, n_joints = positions_m.shape[:2]
+    unseen_s = time_to_known_s(joined.seen, recording.time_s)
     # Hallucinated detections, by what is known now, do not show that somebody is there.
-    is_there = present(seen.any(axis=1), located, recording.time_s, config.tracking.coast_s)
+    anybody = np.asarray(joined.seen.any(axis=1))
+    is_there = present(anybody, joined.located, recording.time_s, config.tracking.coast_s)
     active = recording.active & (unseen_s <= config.motion.max_unseen_s) & is_there[:, None]
     frame, joint = np.nonzero(~active)
     positions_m[here[frame], joint] = np.nan
+    residual_px = np.full(joined.visibility.shape, np.nan, dtype=np.float32)
     covariance_m2 = np.full((n_frames, n_joints, 3, 3), np.nan, np.float32) if config.solver.covariance else None
-    speed_mps = speed_unseen_mps(positions_m, here, recording.time_s, seen.any(axis=1))
+    speed_mps = speed_unseen_mps(positions_m, here, recording.time_s, anybody)
     for window, solution in zip(windows, solved, strict=True):
         own = window.contributed
         around = recording.evidence_of(window.solved)
@@ -239,7 +262,7 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
             covariance_m2[here[own]] = np.where(active[own, :, None, None], of_window_m2, np.nan)
         hand_back()
     status = np.full((n_frames, n_joints), Status.UNOBSERVABLE, dtype=np.int8)
-    status[here] = joint_status(active, observed)
+    status[here] = joint_status(active, joined.observed)
     return Trajectory(
         skeleton=recording.skeleton,
         time_s=recording.evidence.time_s,
@@ -248,11 +271,11 @@ def _trajectory(recording: Recording, windows: Sequence[Window], solved: SolvedW
         covariance_m2=covariance_m2,
         residual_px=residual_px,
         camera_names=rig.names,
-        bone_lengths_m=first_known(lengths_m),
-        bone_length_sigma_m=first_known(sigmas_m),
-        convergence=Convergence.worst(convergences),
+        bone_lengths_m=first_known(joined.lengths_m),
+        bone_length_sigma_m=first_known(joined.sigmas_m),
+        convergence=Convergence.worst(joined.convergences),
         config=config,
-        visibility=visibility,
+        visibility=joined.visibility,
         implausible_frames=recording.evidence.implausible_frames,
     )
 
@@ -263,7 +286,7 @@ def _warn_unless_converged(windows: Sequence[Convergence], config: Config) -> No
         warnings.warn(
             f"the smoother has not converged within solver.max_iterations = {config.solver.max_iterations} in "
             f"{n_astray} of {len(windows)} windows; the largest errors may be centimetres",
-            stacklevel=6,  # past _trajectory, the decorator and smooth
+            stacklevel=6,  # past _Joined.of, the decorator and smooth
         )
 
 

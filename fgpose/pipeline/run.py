@@ -15,6 +15,7 @@ from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.image_checks.left_out import with_left_out
 from fgpose.estimation.refinement import refine_evidence
 from fgpose.estimation.smoother import smooth_evidence
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
@@ -63,12 +64,20 @@ def run_smooth(
         people = smooth_people(source.observations, source.rig, config, progress, known, unfinished)
         return Result(source, config, {"smoothed": people.trajectories}, ("smoothed",), people.association)
     evidence, given = source.gathered(config), (source.observations.skeleton, source.rig, config)
-    smoothed = smooth_evidence(evidence, *given, progress, unfinished, source.bones)
-    smoothed = with_left_out(smoothed, source.observations, source.rig, evidence.sides_exchanged)
+    smoothed = with_left_out(
+        smooth_evidence(evidence, *given, progress, unfinished, source.bones),
+        source.observations,
+        source.rig,
+        evidence.sides_exchanged,
+    )
+    hand_back()
     if not compare:
         return _of_one(source, config, {"smoothed": smoothed}, "smoothed")
     some = evidence.frames(slice(None, None, compare))
     before = {"fused": fused_trajectory(some, *given), "refined": refine_evidence(some, *given)}
+    before = {name: _to_be_shown(each) for name, each in before.items()}
+    del some
+    hand_back()
     return replace(_of_one(source, config, {**before, "smoothed": smoothed}, "smoothed"), compared_every=compare)
 
 
@@ -81,6 +90,12 @@ def run_refine(source: Source[Observations], config: Config, progress: Progress 
 
 def _of_one(source: AnySource, config: Config, trajectories: dict[str, Trajectory], saved: str) -> Result:
     return Result(source, config, {name: {0: each} for name, each in trajectories.items()}, (saved,))
+
+
+def _to_be_shown(trajectory: Trajectory) -> Trajectory:
+    """As the viewer and tables show it: of an hour residuals in double precision take 10 MB more."""
+    residual_px = trajectory.residual_px
+    return trajectory if residual_px is None else replace(trajectory, residual_px=residual_px.astype(np.float32))
 
 
 def fused_trajectory(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config) -> Trajectory:

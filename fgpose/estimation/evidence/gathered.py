@@ -43,7 +43,10 @@ class Gathered:
     _seen: Bool[np.ndarray, "frame joint"]
     _located: Bool[np.ndarray, "frame joint"]
     _left_out: Bool[np.ndarray, " frame"]
-    _credible: Float[np.ndarray, "frame joint"]
+    _is_doubted: Bool[np.ndarray, " frame"]
+    """Frames with a joint that is not surely credible."""
+    _credible: Float[np.ndarray, "doubted joint"]
+    """Of these."""
     _observations: Observations | Corrected
     _rig: CameraRig
     """By the mean clock of the cameras."""
@@ -66,7 +69,9 @@ class Gathered:
         seen, located = np.zeros((2, n_frames, n_joints), dtype=bool)
         said = credible(observations.confidence, time_s)
         none_exchanged = np.broadcast_to(np.False_, observations.confidence.shape)
-        known = implausible, none_exchanged, seen, located, left_out, said
+        is_doubted = np.asarray((said != 1.0).any(axis=1))
+        known = implausible, none_exchanged, seen, located, left_out, is_doubted, said[is_doubted]
+        del said
         gathered = Gathered(time_s, [guess_m], *known, observations, rig, config)
         parts, of_parts = parts_of(n_frames, FRAMES_AT_ONCE), []
         for part in parts:
@@ -90,8 +95,16 @@ class Gathered:
 
     def _part(self, part: slice) -> Evidence:
         observations, left_out = self._observations.frames(part), self._left_out[part]
-        evidence, _ = without_depths(observations, self._rig, self._config, self._credible[part])
+        evidence, _ = without_depths(observations, self._rig, self._config, self._credible_of(part))
         return without(evidence, observations, left_out, self._rig, self._config) if left_out.any() else evidence
+
+    def _credible_of(self, part: slice) -> Float[np.ndarray, "frame joint"]:
+        """See Evidence."""
+        is_doubted = self._is_doubted[part]
+        found = np.ones((len(is_doubted), self._credible.shape[1]))
+        first = np.count_nonzero(self._is_doubted[: part.start])
+        found[is_doubted] = self._credible[first : first + np.count_nonzero(is_doubted)]
+        return found
 
     @property
     def guess_m(self) -> Float[np.ndarray, "frame joint 3"]:

@@ -29,16 +29,20 @@ def with_left_out(
     if not (left_out.any() or of_other_side.any()):
         return trajectory
     hand_back()
-    visibility, residual_px = trajectory.visibility.copy(), trajectory.residual_px.copy()
-    visibility[of_other_side] = residual_px[of_other_side] = np.nan
+    visibility, residual_px = trajectory.visibility.copy(), trajectory.residual_px
+    visibility[of_other_side] = np.nan
     visibility[left_out] = 0.0
+    # One after the other: of an hour each takes 60 MB, and nobody else may have those that were.
+    trajectory = replace(trajectory, visibility=visibility)
+    residual_px = residual_px.copy()
+    residual_px[of_other_side] = np.nan
     for part in parts_of(trajectory.n_frames, FRAMES_AT_ONCE):
         own = left_out[part]
         if own.any():
             positions_m = trajectory.positions_m[part]
             off_px = rig.project(positions_m) - on_time_px(given.frames(part), rig, positions_m)
             residual_px[part][own] = norm(off_px)[own]
-    return replace(trajectory, visibility=visibility, residual_px=residual_px)
+    return replace(trajectory, residual_px=residual_px)
 
 
 def left_out_px(given: Observations, used: Observations) -> Float[np.ndarray, "frame camera joint 2"]:

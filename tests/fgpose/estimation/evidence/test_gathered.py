@@ -44,6 +44,18 @@ def test_evidence_of_some_frames(seen: Observations, walking_scene: Scene, frame
         np.testing.assert_allclose(getattr(some, name), expected, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
+def test_credibilities_are_those_of_the_whole(seen: Observations, walking_scene: Scene) -> None:
+    """Kept are those of frames in which some joint is doubted."""
+    confidence = seen.confidence.copy()
+    confidence[56:60, :, 3] *= 0.2
+    doubted = replace(seen, confidence=confidence)
+    expected = gather(doubted, walking_scene.rig, Config()).credible
+    assert (expected < 1).any()
+    assert (expected == 1).all(axis=1).any()
+    parts = Gathered.of(doubted, walking_scene.rig, Config())
+    np.testing.assert_array_equal(parts.frames(slice(None)).credible, expected)
+
+
 def test_first_guesses_that_were_handed_over_are_made_again(seen: Observations, walking_scene: Scene) -> None:
     """They are asked for again by who smooths the same recording once more."""
     gathered = Gathered.of(seen, walking_scene.rig, Config())

@@ -12,6 +12,7 @@ import fgpose
 from fgpose.config import Config
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.visibility import detection_residuals as module
 from fgpose.estimation.visibility.agreement import Agreement
 from fgpose.estimation.visibility.detection_residuals import _PREDICTED_M, DetectionResiduals
 from fgpose.estimation.visibility.spread import graph_sigma_px
@@ -275,3 +276,21 @@ def test_nothing_is_said_where_nothing_is_seen(rig: CameraRig, skeleton: Skeleto
     }.items():
         assert np.isfinite(array).all(), name
     assert np.isfinite(residuals.spread_m(PRIOR_M, INDEPENDENT)).all()
+
+
+@pytest.mark.parametrize("frames_at_once", [1, 7])
+def test_pairs_of_joints_are_the_same_in_pieces_of_a_window(
+    rig: CameraRig, skeleton: Skeleton, monkeypatch: pytest.MonkeyPatch, frames_at_once: int
+) -> None:
+    """To the last digit: whatever is shown or written of a window follows from them."""
+    truth_m = walking(24, FPS, skeleton)
+    seen = simulate(truth_m, skeleton, rig, FPS, DetectionNoise(), Occlusion(), seed=1).observations
+    residuals = residuals_of(truth_m, gather(seen, rig, CONFIG), rig)
+
+    def densities() -> np.ndarray:
+        found = residuals.log_densities(np.full((1, 1, 1), PRIOR_M), rig, skeleton, CONFIG.visibility)
+        return np.array([found.visible, found.hidden, found.other])
+
+    whole = densities()
+    monkeypatch.setattr(module, "_FRAMES_AT_ONCE", frames_at_once)
+    np.testing.assert_array_equal(densities(), whole)
