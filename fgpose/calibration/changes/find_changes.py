@@ -26,6 +26,7 @@ from fgpose.calibration.changes.lost_images.lost_images import lost_images
 from fgpose.calibration.changes.placed import placed
 from fgpose.calibration.changes.poses.pose_changes import PoseFit, misses_m, pose_fits
 from fgpose.calibration.changes.rays import Rays
+from fgpose.freed_memory import hand_back
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
@@ -103,6 +104,7 @@ def find_changes(people: Sequence[Observations], rig: CameraRig, progress: Progr
     seen_through = _with_lenses(rig, lenses)
     beside_poses = Comparison.of(people, seen_through, step_s, poses) if clocks else beside_all
     del beside_all  # of an hour it takes 0.15 GB
+    hand_back()
     jumps = lost_images(beside_poses, clocks)
     if jumps:
         # Clocks that jump again and again look like moved cameras and other lenses: these are looked for beside them.
@@ -194,6 +196,7 @@ def _next(compared: Comparison, steps: _Steps, *, clocks: bool) -> list[Change] 
     candidates = []
     for c in each_camera:
         candidates += _poses_of(rays, costs, c, walks=walks)
+        hand_back()
         steps.one()
     candidates += [each for c in each_camera if clocks for each in _clocks_of(costs, c, compared.step_s)]
     fits = lens_fits(rays, costs, compared.rig, steps.one) if walks else []
