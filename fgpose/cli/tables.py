@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from rich.console import Console
 from rich.table import Table
 
@@ -19,7 +20,7 @@ from fgpose.io.trajectories.result_table import numbered
 from fgpose.observations import Observations
 from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline import AnySource, Result
-from fgpose.sampling import frames_per_second, stretches
+from fgpose.sampling import frames_per_second, parts_of, stretches
 from fgpose.trajectory import Status, Trajectory
 
 _MAX_LISTED = 5
@@ -219,6 +220,26 @@ def _row(table: Table, label: str, trajectories: list[Trajectory], value: Callab
 def _median_px(trajectory: Trajectory, camera: int | None = None) -> float:
     if trajectory.residual_px is None:
         return np.nan
-    of_camera = trajectory.residual_px if camera is None else trajectory.residual_px[:, camera]
-    known = of_camera[np.isfinite(of_camera)]
-    return float(np.median(known, overwrite_input=True)) if known.size else np.nan
+    return median_in_parts(trajectory.residual_px if camera is None else trajectory.residual_px[:, camera])
+
+
+def median_in_parts(values: Float[np.ndarray, frame * shape]) -> float:
+    """The median of those that are known, in single precision; none is negative. All of an hour would be copied, 60 MB:
+    so they are counted by their first bits, and only those with the bits of the median are compared. NaN: there is
+    none."""
+
+    def known() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        for part in parts_of(len(values)):
+            own = values[part][np.isfinite(values[part])].astype(np.float32)
+            yield own, own.view(np.uint32) >> 16
+
+    counts = np.zeros(2**16, dtype=int)
+    for _, bits in known():
+        counts += np.bincount(bits, minlength=len(counts))
+    ends = np.cumsum(counts)
+    if not ends[-1]:
+        return np.nan
+    middle = np.array([(ends[-1] - 1) // 2, ends[-1] // 2])
+    first, last = np.searchsorted(ends, middle, side="right").tolist()
+    near = np.sort(np.concatenate([own[(bits >= first) & (bits <= last)] for own, bits in known()]))
+    return float(near[middle - (ends[first] - counts[first])].mean())
