@@ -223,7 +223,7 @@ def _median_px(trajectory: Trajectory, camera: int | None = None) -> float:
     return median_in_parts(trajectory.residual_px if camera is None else trajectory.residual_px[:, camera])
 
 
-def median_in_parts(values: Float[np.ndarray, frame * shape]) -> float:
+def median_in_parts(values: Float[np.ndarray, "frame ..."]) -> float:
     """The median of those that are known, in single precision; none is negative. All of an hour would be copied, 60 MB:
     so they are counted by their first bits, and only those with the bits of the median are compared. NaN: there is
     none."""
