@@ -33,6 +33,7 @@ _OF_JOINTS = (
 _OF_VIEWS = (
     "undistorted_px",
     "bias_px",
+    "confidence",
     "weights",
     "sigma_px",
     "visibility",
@@ -61,6 +62,8 @@ class Evidence:
     """How much of the constant errors of all cameras is left in each joint after that; see Bias.common_share."""
     bias_m2: Float[np.ndarray, "frame joint 3 3"]
     """Covariance of what it does to each joint; see Bias.covariance_m2."""
+    confidence: Float[np.ndarray, "frame camera joint"]
+    """Of each detection, as its detector states it; see fgpose.estimation.visibility.stated_confidence."""
     weights: Float[np.ndarray, "frame camera joint"]
     """Weight in (0, 1] of each detection; see fgpose.estimation.evidence.weights and visibility."""
     sigma_px: Float[np.ndarray, "frame camera joint"]

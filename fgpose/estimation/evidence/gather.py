@@ -176,6 +176,7 @@ def without_depths(
     evidence = Evidence(
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
+        confidence=confidence,
         weights=detection_weights(fusion, confidence, rig, config.projection),
         sigma_px=np.broadcast_to(rig.in_own_px(config.projection.sigma_px), confidence.shape),
         credible=credible,

@@ -60,7 +60,7 @@ class Agreement:
         residuals: DetectionResiduals,
         visible_m: Float[np.ndarray, "#frame camera #joint"],
         spread_m: Float[np.ndarray, "*#frame camera"],
-        usual: float,
+        usual: Float[np.ndarray, "frame camera joint"],
         least: float,
         rig: CameraRig,
         skeleton: Skeleton,
@@ -73,7 +73,7 @@ class Agreement:
             visible_m: standard deviation of the residuals of visible detections along each axis of the image, with what
                 the timing of fast joints adds.
             spread_m: the same of each camera, if all images are taken when they should be: those that agree are.
-            usual: probability of visible before anything is known.
+            usual: probability of visible before any residual is known.
             least: logarithm of the odds from which a place is believed on which three views agree.
             rig, skeleton, config: as for fgpose.estimation.visibility.visibility.judged.
         """
@@ -83,7 +83,7 @@ class Agreement:
         if len(frames):
             points = _Points.of(residuals, on_path, visible_m, spread_m, (frames, joints))
             places = _Places.of(points, rig, skeleton, config)
-            log_odds[frames, :, joints], odds = points.compared(places, usual)
+            log_odds[frames, :, joints], odds = points.compared(places, usual[frames, :, joints])
             believed = odds > np.where(places.n_views > 2, least, _TWO_VIEWS)
             off_path_m[frames, joints] = np.where(believed[:, None], places.places_m, np.nan)
         return Agreement(np.where(residuals.seen, log_odds + residuals.prior_log_odds, 0.0), off_path_m)
@@ -145,7 +145,7 @@ class _Points:
         )
 
     def compared(
-        self, places: _Places, usual: float
+        self, places: _Places, usual: Float[np.ndarray, "point camera"]
     ) -> tuple[Float[np.ndarray, "point camera"], Float[np.ndarray, " point"]]:
         """What each detection says for visible against hidden; and the logarithm of the odds for the places against
         the path."""
@@ -157,7 +157,7 @@ class _Points:
         return visible - hidden, total_off - total_on
 
     def _evidence(
-        self, log_prior: Float[np.ndarray, " point"], fitted: np.ndarray, given: LogDensities, usual: float
+        self, log_prior: Float[np.ndarray, " point"], fitted: np.ndarray, given: LogDensities, usual: np.ndarray
     ) -> tuple[Float[np.ndarray, "point camera"], Float[np.ndarray, " point"]]:
         """Of a hypothesis: of all detections but each, and of all."""
         if_visible, if_hidden = np.log(usual), np.log(1 - usual) + given.hidden

@@ -12,13 +12,14 @@ from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import Bias, RunningBias
 from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.frame_state import FrameState
-from fgpose.estimation.noise import LEARNED_EVERY_S
+from fgpose.estimation.noise import CORRELATION_S, LEARNED_EVERY_S
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, lengths_m
 from fgpose.estimation.visibility.running_spread import RunningSpread
+from fgpose.estimation.visibility.stated_confidence import StatedConfidence
 from fgpose.estimation.visibility.visibility import (
-    RESIDUALS_CORRELATED_S,
     independent,
+    log_odds_of_frames,
     residual_sums,
     with_visibility,
     within_timing_m,
@@ -72,6 +73,7 @@ class RunningVisibility:
     def __init__(self, n_cameras: int, skeleton: Skeleton, config: Config) -> None:
         self._skeleton, self._config = skeleton, config
         self._stays, self._chain = Stays(), Chain(config.visibility)
+        self._stated = StatedConfidence.unknown(skeleton.n_joints)
         self._on = config.visibility.model == "markov"
         self._probability = np.full((n_cameras, skeleton.n_joints), self._chain.usual if self._on else 1.0)
         self._last_s = np.full((n_cameras, 1), -np.inf)
@@ -121,7 +123,7 @@ class RunningVisibility:
         self._spread = before.spread
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
         since_s = before.since_s(evidence)
-        odds = self._log_odds(residuals, velocities_mps[None], rig)[0] * independent(since_s, RESIDUALS_CORRELATED_S)
+        odds = self._log_odds(evidence, residuals, velocities_mps[None], rig, since_s)[0]
         updated = self._chain.updated(self._chain.predicted(before.probability, since_s), odds)
         self._probability = np.where(has_image[:, None], updated, before.probability)
         self._last_s = np.where(has_image[:, None], evidence.time_s[0], before.last_s)
@@ -141,9 +143,7 @@ class RunningVisibility:
             return evidence, evidence.visibility
         residuals = DetectionResiduals.of(positions_m, evidence, rig, self._config)
         step_s = np.diff(evidence.time_s, prepend=before.time_s)
-        odds = (
-            self._log_odds(residuals, velocities_mps, rig) * independent(step_s, RESIDUALS_CORRELATED_S)[:, None, None]
-        )
+        odds = self._log_odds(evidence, residuals, velocities_mps, rig, step_s[:, None, None])
         filtered = self._chain.filtered(odds, step_s, before.probability)
         probability = self._chain.smoothed(filtered, odds, step_s)
         seen, priors = residuals.of_seen, self._config.visibility
@@ -151,7 +151,8 @@ class RunningVisibility:
 
     def marginalise(self, state: FrameState, rig: CameraRig) -> None:
         """The oldest frame leaves the window. Take the next one, as it was judged last, with its weights as gathered:
-        biases, and how long joints stay visible or hidden, are learned from it, if it tells anything new."""
+        biases, how long joints stay visible or hidden, and what confidences say of it are learned from it, if it tells
+        anything new."""
         before = self._oldest
         if not self._on or (before is not None and state.at.time_s - before.time_s[0] < LEARNED_EVERY_S):
             return
@@ -162,6 +163,8 @@ class RunningVisibility:
         visibility = np.concatenate([before.visibility, oldest.visibility])
         stays = Stays.of(visibility, np.append(np.inf, step_s), detected)
         self._stays = self._stays.then(stays, float(step_s[0]))
+        stated = StatedConfidence.of(oldest, oldest.visibility, independent(step_s, CORRELATION_S)[:, None, None])
+        self._stated = self._stated.then(stated, float(step_s[0]))
         self._chain = Chain(self._config.visibility, self._stays)
         if self._config.visibility.bias == "constant":
             moved_m = within_timing_m(norm(state.velocities_mps))
@@ -169,17 +172,27 @@ class RunningVisibility:
             self._bias.add(sums, float(step_s[0]), self._spread_m)
 
     def _log_odds(
-        self, residuals: DetectionResiduals, velocities_mps: Float[np.ndarray, "frame joint 3"], rig: CameraRig
+        self,
+        evidence: Evidence,
+        residuals: DetectionResiduals,
+        velocities_mps: Float[np.ndarray, "frame joint 3"],
+        rig: CameraRig,
+        step_s: Float[np.ndarray, "*#steps"],
     ) -> Float[np.ndarray, "frame camera joint"]:
-        moved_m = within_timing_m(norm(velocities_mps))
+        moved_m, stated = within_timing_m(norm(velocities_mps)), self._stated.log_odds(evidence)
         spread_m = np.hypot(self._spread_m[:, None], moved_m[:, None])
-        return np.where(residuals.several, self._said(residuals, spread_m, rig).log_odds, 0.0)
+        said = np.where(residuals.several, self._said(residuals, stated, spread_m, rig).log_odds, 0.0)
+        return log_odds_of_frames(said, stated, step_s)
 
     def _said(
-        self, residuals: DetectionResiduals, visible_m: Float[np.ndarray, "#frame camera #joint"], rig: CameraRig
+        self,
+        residuals: DetectionResiduals,
+        stated: Float[np.ndarray, "frame camera joint"],
+        visible_m: Float[np.ndarray, "#frame camera #joint"],
+        rig: CameraRig,
     ) -> Agreement:
-        given, priors = (residuals, visible_m, self._spread_m, self._chain.usual), self._config.visibility
-        return Agreement.of(*given, _SURE_ONLINE, rig, self._skeleton, priors)
+        usual, priors = self._chain.updated(self._chain.usual, stated), self._config.visibility
+        return Agreement.of(residuals, visible_m, self._spread_m, usual, _SURE_ONLINE, rig, self._skeleton, priors)
 
     def with_image(
         self,
@@ -203,8 +216,10 @@ class RunningVisibility:
         """
         if not self._on:
             return evidence
-        probability = np.where(is_own[:, None], filtered.probability, judged.visibility[0])
-        since_s = np.full((len(probability), 1), max(filtered.time_s - before.time_s, TIME_ROUNDING_S))
+        since_s = np.full((len(is_own), 1), max(filtered.time_s - before.time_s, TIME_ROUNDING_S))
+        stated = self._stated.log_odds(evidence)[0] * independent(since_s, CORRELATION_S)
+        own = self._chain.updated(filtered.probability, stated)
+        probability = np.where(is_own[:, None], own, judged.visibility[0])
         return self._with_probability(probability, evidence, *lengths_m(evidence, positions_m, rig), since_s)
 
     def predicted(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> Evidence:
@@ -219,12 +234,13 @@ class RunningVisibility:
         if not self._on:
             return evidence
         before = self._known_before(evidence)
-        since_s = before.since_s(evidence)
+        since_s, stated = before.since_s(evidence), self._stated.log_odds(evidence)
         probability = self._chain.predicted(before.probability, since_s)
+        probability = self._chain.updated(probability, stated[0] * independent(since_s, CORRELATION_S))
         length_m, px_per_m = lengths_m(evidence, positions_m, rig)
         if is_doubtful(length_m, self._spread_m):
             residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
-            said = self._said(residuals, self._spread_m[None, :, None], rig)
+            said = self._said(residuals, stated, self._spread_m[None, :, None], rig)
             is_off = np.isfinite(said.off_path_m[0]).all(axis=-1)
             probability = np.where(is_off, self._chain.updated(probability, said.log_odds[0]), probability)
             evidence = changed(evidence, off_path_m=said.off_path_m)

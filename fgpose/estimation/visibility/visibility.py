@@ -19,6 +19,7 @@ from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.visibility.agreement import Agreement
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals, hidden_information
 from fgpose.estimation.visibility.spread import graph_sigma_px, spread_m_of
+from fgpose.estimation.visibility.stated_confidence import StatedConfidence
 from fgpose.estimation.visibility.visibility_chain import Chain, Stays
 from fgpose.frozen import changed
 from fgpose.geometry.camera import CameraRig
@@ -53,13 +54,15 @@ def judged(
         rig: cameras of the evidence.
         skeleton: for the mirrored joints.
         config: robust kernel, motion model and the priors.
-        before: the probability that an earlier turn gave; how long joints stay visible or hidden, and the biases, are
-            learned from it.
+        before: the probability that an earlier turn gave; how long joints stay visible or hidden, what the confidences
+            say of it, and the biases are learned from it.
     """
     priors, step_s, chain = config.visibility, _steps_s(evidence.time_s), Chain(config.visibility)
+    stated = StatedConfidence.unknown(skeleton.n_joints)
     moved_m = within_timing_m(_speed_mps(positions_m, evidence.time_s))
     if before is not None:
         chain = Chain(priors, Stays.of(before, step_s, evidence.detected))
+        stated = StatedConfidence.of(evidence, before, independent(step_s, CORRELATION_S)[:, None, None])
         if priors.bias == "constant":
             sums = residual_sums(evidence, before, step_s, positions_m, moved_m, rig)
             bias = sums.bias(spread_m_of(evidence, rig.px_per_m(positions_m)))
@@ -69,11 +72,27 @@ def judged(
     spread_m = residuals.spread_m(priors.sigma_m, float(np.median(independent(step_s, CORRELATION_S))), sizes)
     spread_m = np.sqrt(sizes)[:, None] * spread_m
     spread_of_joint_m = np.hypot(spread_m[..., None], moved_m[:, None])
-    said = Agreement.of(residuals, spread_of_joint_m, spread_m, chain.usual, 0.0, rig, skeleton, priors)
-    odds = said.log_odds * independent(step_s, RESIDUALS_CORRELATED_S)[:, None, None]
+    stated_odds = stated.log_odds(evidence)
+    usual = chain.updated(chain.usual, stated_odds)
+    said = Agreement.of(residuals, spread_of_joint_m, spread_m, usual, 0.0, rig, skeleton, priors)
+    odds = log_odds_of_frames(said.log_odds, stated_odds, step_s[:, None, None])
     probability = chain.smoothed(chain.filtered(odds, step_s), odds, step_s)
     evidence = changed(evidence, off_path_m=said.off_path_m)
     return with_visibility(evidence, *residuals.of_seen, spread_m, probability, step_s[:, None, None], priors)
+
+
+def log_odds_of_frames(
+    said: Float[np.ndarray, "*frames camera joint"],
+    stated: Float[np.ndarray, "*frames camera joint"],
+    step_s: Float[np.ndarray, "*#steps"],
+) -> Float[np.ndarray, "*frames camera joint"]:
+    """What images say for visible against hidden, given those before them.
+
+    Args:
+        said, stated: what the residuals and the confidences of each alone say.
+        step_s: time since the image before; a confidence stays the same for as long as the error that it is of.
+    """
+    return said * independent(step_s, RESIDUALS_CORRELATED_S) + stated * independent(step_s, CORRELATION_S)
 
 
 def residual_sums(

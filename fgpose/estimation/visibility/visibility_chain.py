@@ -78,7 +78,7 @@ class Chain:
         """Of visible, this time later."""
         return self.usual + (probability - self.usual) * np.exp(-self._rate * step_s)
 
-    def updated(self, probability: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
+    def updated(self, probability: float | np.ndarray, log_odds: np.ndarray) -> np.ndarray:
         """Of visible, given these odds too (Bayes)."""
         likelihood = _odds(log_odds)
         return probability * likelihood / (probability * likelihood + 1 - probability)

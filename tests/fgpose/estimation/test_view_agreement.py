@@ -40,7 +40,8 @@ def said(
     path_m[0, WRIST] += path_by_m
     residuals = DetectionResiduals.of(path_m, gather(seen, rig, CONFIG), rig, CONFIG)
     spread_m = SPREAD_M[: rig.n_cameras]
-    given = residuals, spread_m[None, :, None], spread_m, USUAL, 0.0, rig, skeleton, CONFIG.visibility
+    usual = np.full(residuals.seen.shape, USUAL)
+    given = residuals, spread_m[None, :, None], spread_m, usual, 0.0, rig, skeleton, CONFIG.visibility
     return Agreement.of(*given), truth_m[0, WRIST]
 
 

@@ -410,6 +410,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         bias_px=np.zeros((1, 2, 17, 2)),
         bias_share=np.ones((1, 17)),
         bias_m2=np.zeros((1, 17, 3, 3)),
+        confidence=np.ones((1, 2, 17)),
         weights=np.ones((1, 2, 17)),
         sigma_px=np.full((1, 2, 17), sigma_px),
         visibility=np.ones((1, 2, 17)),

@@ -184,7 +184,7 @@ def test_few_detections_leave_the_usual_spread(rig: CameraRig, skeleton: Skeleto
 def odds_of(positions_m: np.ndarray, evidence: Evidence, rig: CameraRig, skeleton: Skeleton) -> np.ndarray:
     spread_m = np.full(rig.n_cameras, PRIOR_M)
     residuals = residuals_of(positions_m, evidence, rig)
-    usual = Chain(CONFIG.visibility).usual
+    usual = np.full(residuals.seen.shape, Chain(CONFIG.visibility).usual)
     given = residuals, spread_m[None, :, None], spread_m, usual, 0.0, rig, skeleton, CONFIG.visibility
     return Agreement.of(*given).log_odds
 
