@@ -9,23 +9,21 @@ from __future__ import annotations
 import atexit
 import json
 import os
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-_FOLDER = "FGPOSE_BENCHMARK_TIMES"
+import timed_calls
+from timed_calls import timed
+
 _SECONDS = {"messages": 0.0, "pictures": 0.0}
 
 
 def environment(folder: Path) -> dict[str, str]:
     """For a process; it and those that it starts write their times into the folder when they end."""
-    (folder / "sitecustomize.py").write_text("import timed_messages; timed_messages.install()\n")
-    path = os.pathsep.join([str(folder), str(Path(__file__).parent), *filter(None, sys.path)])
-    return os.environ | {"PYTHONPATH": path, _FOLDER: str(folder)}
+    return timed_calls.environment("timed_messages", folder)
 
 
 def table(folder: Path) -> str:
@@ -43,32 +41,18 @@ def install() -> None:
 
     def kept() -> None:
         times = {"all": time.process_time(), **_SECONDS}
-        (Path(os.environ[_FOLDER]) / f"times_{os.getpid()}.json").write_text(json.dumps(times))
+        (timed_calls.folder_of_times() / f"times_{os.getpid()}.json").write_text(json.dumps(times))
 
     parent = child_process.parent
 
     @contextmanager
     def timed_parent() -> Iterator[tuple[Callable[[], Any], Callable[[object], None]]]:
         with parent() as (receive, send):
-            yield _timed(receive, "messages"), _timed(send, "messages")
+            yield timed(receive, "messages", _SECONDS), timed(send, "messages", _SECONDS)
 
     child_process.parent = timed_parent
     for name in ("write", "read"):
         method = getattr(child_process.ChildProcess, name)
-        setattr(child_process.ChildProcess, name, _timed(method, "messages"))
-    DecodedPicture.rgb = _timed(DecodedPicture.rgb, "pictures")
+        setattr(child_process.ChildProcess, name, timed(method, "messages", _SECONDS))
+    DecodedPicture.rgb = timed(DecodedPicture.rgb, "pictures", _SECONDS)
     atexit.register(kept)
-
-
-def _timed(call: Callable[..., Any], what: str) -> Callable[..., Any]:
-    lock = threading.Lock()
-
-    def timed(*arguments: Any, **named: Any) -> Any:
-        begin_s = time.thread_time()  # while a pipe is waited for it stands
-        try:
-            return call(*arguments, **named)
-        finally:
-            with lock:
-                _SECONDS[what] += time.thread_time() - begin_s
-
-    return timed

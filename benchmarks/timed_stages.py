@@ -13,11 +13,13 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-_FOLDER = "FGPOSE_BENCHMARK_STAGES"
+import timed_calls
+from timed_calls import timed
+
 _INTERVAL_S = 1.0
 _CALLS: defaultdict[str, float] = defaultdict(float)
 # Of what each process does, by what it was started for.
@@ -40,9 +42,7 @@ STAGES = (
 
 def environment(folder: Path) -> dict[str, str]:
     """For a process; it and those that it starts write into the folder."""
-    (folder / "sitecustomize.py").write_text("import timed_stages; timed_stages.install()\n")
-    path = os.pathsep.join([str(folder), str(Path(__file__).parent), *filter(None, sys.path)])
-    return os.environ | {"PYTHONPATH": path, _FOLDER: str(folder)}
+    return timed_calls.environment("timed_stages", folder)
 
 
 def taken_s(folder: Path, from_s: float, to_s: float) -> dict[str, float]:
@@ -99,13 +99,13 @@ def install() -> None:
     from fgpose.live.sources.packets import PacketDecoder
     from fgpose.live.system import LiveSystem
 
-    PacketDecoder.decode = _timed(PacketDecoder.decode, "decoding")
-    LiveCamera.receive = _timed(LiveCamera.receive, "times and faults of the images")
-    DecodedPicture.rgb = _timed(DecodedPicture.rgb, "to RGB")
-    LiveSystem._give_frame = _timed(LiveSystem._give_frame, "outputs")
+    PacketDecoder.decode = timed(PacketDecoder.decode, "decoding", _CALLS)
+    LiveCamera.receive = timed(LiveCamera.receive, "times and faults of the images", _CALLS)
+    DecodedPicture.rgb = timed(DecodedPicture.rgb, "to RGB", _CALLS)
+    LiveSystem._give_frame = timed(LiveSystem._give_frame, "outputs", _CALLS)
     started_as = " ".join(sys.orig_argv)
     role = next((role for module, role in _ROLES.items() if module in started_as), "main")
-    path, ended = Path(os.environ[_FOLDER]) / f"times_{os.getpid()}.jsonl", threading.Event()
+    path, ended = timed_calls.folder_of_times() / f"times_{os.getpid()}.jsonl", threading.Event()
 
     def say() -> None:
         line = {
@@ -136,17 +136,3 @@ def _of_threads() -> dict[str, float]:
             continue
         taken[thread.name] += 1e-9 * int(spent_ns)
     return dict(taken)
-
-
-def _timed(call: Callable[..., Any], what: str) -> Callable[..., Any]:
-    lock = threading.Lock()
-
-    def timed(*arguments: Any, **named: Any) -> Any:
-        begin_s = time.thread_time()
-        try:
-            return call(*arguments, **named)
-        finally:
-            with lock:
-                _CALLS[what] += time.thread_time() - begin_s
-
-    return timed
