@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -275,17 +276,21 @@ class Skeleton(Shown):
     def linkages(self) -> tuple[tuple[int, ...], ...]:
         """All joints in sets, as arms, legs and face of BlazePose: neither a bone nor a limb pair has joints of two.
         Small ones are put together, unless the set became larger than the largest."""
-        linked = {frozenset((joint,)) for joint in range(self.n_joints)}
-        for joined in (*self.bones, *(left + right for left, right in self.limb_pairs)):
-            touched = {joints for joints in linked if not joints.isdisjoint(joined)}
-            linked = linked - touched | {frozenset[int]().union(*touched)}
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        of_limbs = (pair for left, right in self.limb_pairs for pair in pairwise(left + right))
+        pairs = np.array([*self.bones, *of_limbs], dtype=int).reshape(-1, 2)
+        joined = coo_array((np.ones(len(pairs)), pairs.T), shape=(self.n_joints, self.n_joints))
+        n_linked, number = connected_components(joined, directed=False)
+        linked = [np.flatnonzero(number == each).tolist() for each in range(n_linked)]
         most = max(_SMALL_LINKAGE, *(len(joints) for joints in linked))
         together: list[list[int]] = []
-        for joints in sorted(linked, key=lambda joints: (-len(joints), min(joints))):
+        for joints in sorted(linked, key=lambda joints: (-len(joints), joints[0])):
             with_room = (others for others in together if len(others) + len(joints) <= most)
             others = next(with_room, None)
             if others is None:
-                together.append(list(joints))
+                together.append(joints)
             else:
                 others += joints
         return tuple(tuple(sorted(joints)) for joints in together)
