@@ -217,8 +217,7 @@ class RunningVisibility:
         if not self._on:
             return evidence
         since_s = np.full((len(is_own), 1), max(filtered.time_s - before.time_s, TIME_ROUNDING_S))
-        stated = self._stated.log_odds(evidence)[0] * independent(since_s, CORRELATION_S)
-        own = self._chain.updated(filtered.probability, stated)
+        own = self._given_stated(filtered.probability, self._stated.log_odds(evidence), since_s)
         probability = np.where(is_own[:, None], own, judged.visibility[0])
         return self._with_probability(probability, evidence, *lengths_m(evidence, positions_m, rig), since_s)
 
@@ -235,8 +234,7 @@ class RunningVisibility:
             return evidence
         before = self._known_before(evidence)
         since_s, stated = before.since_s(evidence), self._stated.log_odds(evidence)
-        probability = self._chain.predicted(before.probability, since_s)
-        probability = self._chain.updated(probability, stated[0] * independent(since_s, CORRELATION_S))
+        probability = self._given_stated(self._chain.predicted(before.probability, since_s), stated, since_s)
         length_m, px_per_m = lengths_m(evidence, positions_m, rig)
         if is_doubtful(length_m, self._spread_m):
             residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
@@ -245,6 +243,15 @@ class RunningVisibility:
             probability = np.where(is_off, self._chain.updated(probability, said.log_odds[0]), probability)
             evidence = changed(evidence, off_path_m=said.off_path_m)
         return self._with_probability(probability, evidence, length_m, px_per_m, since_s)
+
+    def _given_stated(
+        self,
+        probability: Float[np.ndarray, "camera joint"],
+        stated: Float[np.ndarray, "1 camera joint"],
+        since_s: Float[np.ndarray, "camera 1"],
+    ) -> Float[np.ndarray, "camera joint"]:
+        """With what the confidences of a frame say, of which no residual is known yet."""
+        return self._chain.updated(probability, stated[0] * independent(since_s, CORRELATION_S))
 
     def _with_probability(
         self,

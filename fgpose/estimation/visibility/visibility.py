@@ -60,16 +60,17 @@ def judged(
     priors, step_s, chain = config.visibility, _steps_s(evidence.time_s), Chain(config.visibility)
     stated = StatedConfidence.unknown(skeleton.n_joints)
     moved_m = within_timing_m(_speed_mps(positions_m, evidence.time_s))
+    independently = independent(step_s, CORRELATION_S)
     if before is not None:
         chain = Chain(priors, Stays.of(before, step_s, evidence.detected))
-        stated = StatedConfidence.of(evidence, before, independent(step_s, CORRELATION_S)[:, None, None])
+        stated = StatedConfidence.of(evidence, before, independently[:, None, None])
         if priors.bias == "constant":
             sums = residual_sums(evidence, before, step_s, positions_m, moved_m, rig)
             bias = sums.bias(spread_m_of(evidence, rig.px_per_m(positions_m)))
             evidence = evidence.less_bias(positions_m, bias, rig)
     residuals = DetectionResiduals.of(positions_m, evidence, rig, config)
     sizes = residuals.contradictions.sizes(float(np.median(step_s)))
-    spread_m = residuals.spread_m(priors.sigma_m, float(np.median(independent(step_s, CORRELATION_S))), sizes)
+    spread_m = residuals.spread_m(priors.sigma_m, float(np.median(independently)), sizes)
     spread_m = np.sqrt(sizes)[:, None] * spread_m
     spread_of_joint_m = np.hypot(spread_m[..., None], moved_m[:, None])
     stated_odds = stated.log_odds(evidence)
